@@ -166,12 +166,12 @@ def _pairs(draws: int, how: dict[str, Any]) -> str:
     for number in range(draws):
         drawn = DrawnArm(number, **how)
         seen = drawn.levels()
-        one, other, near = np.flatnonzero(drawn.false)
+        first, other, near = np.flatnonzero(drawn.false)
         inverse = np.linalg.inv(2.0 * seen.covariance)
-        for kind, (a, b) in enumerate(((one, other), (one, near))):
+        for kind, (a, b) in enumerate(((first, other), (first, near))):
             difference = seen.level[a] - seen.level[b]
             apart[kind] += difference @ inverse @ difference > limit
-        true = (drawn.towards[one] - drawn.towards[near])[:2]
+        true = (drawn.towards[first] - drawn.towards[near])[:2]
         chance.append(float(noncentral_chi_square_survival(limit, 2, true @ inverse @ true)))
     same, told = apart / draws
     sigma = np.sqrt(np.array([PAIRS_ALPHA * (1.0 - PAIRS_ALPHA), np.mean(chance) * (1.0 - np.mean(chance))]) / draws)

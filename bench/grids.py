@@ -62,7 +62,9 @@ def _rows(rate_hz: float, rng: np.random.Generator) -> Iterator[str]:
                 found = fit_components(values[row][None], own, variance[row][None])
                 joint_p_value(found.second, GRIDS.intervals, own.path, correlator.noise_samples)
 
-        taken, decomposed = (one * (1e3 / len(SATS)) for one in take_turns(take, apart, runs=RUNS, clock=process_time))
+        taken, decomposed = (
+            turn * (1e3 / len(SATS)) for turn in take_turns(take, apart, runs=RUNS, clock=process_time)
+        )
     whole = taken.median + decomposed.median
     yield f"  {1e-6 * rate_hz:.1f} Msps, {correlator.delays_chips.size} delays"
     yield line("  grids of a burst", taken, "ms")

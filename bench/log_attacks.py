@@ -268,10 +268,10 @@ def against_truth(
     moved_m = np.linalg.norm(shift.offset_enu_m(clean.elapsed_s), axis=1)
     clock_m = SPEED_OF_LIGHT_M_S * np.abs(shift.offset_clock_s(clean.elapsed_s))
     place_sigma_m = float(np.sqrt((sigma_m[:3] ** 2).sum()))
-    there = (moved_m > SIGMAS * place_sigma_m) | (clock_m > SIGMAS * sigma_m[3])
+    reached = (moved_m > SIGMAS * place_sigma_m) | (clock_m > SIGMAS * sigma_m[3])
     row |= {
         "sigma_m": round(place_sigma_m, 2),
-        "reached_s": round(float(clean.elapsed_s[there][0]) - onset_s, 2) if there.any() else None,
+        "reached_s": round(float(clean.elapsed_s[reached][0]) - onset_s, 2) if reached.any() else None,
         "most_m": round(float(moved_m.max()), 1),
         "trusted_wrong": 0,
         "trusted_after": 0,

@@ -171,7 +171,7 @@ def main() -> None:
     for option in ("jammings", "shorts", "cuts"):
         parser.add_argument(f"--{option}", type=int, default=0)
     chosen: argparse.Namespace = parser.parse_args()
-    names = [f"{what}-{k}" for what in sorted(KINDS) for k in range(getattr(chosen, f"{what}s"))]
+    names = [f"{kind}-{k}" for kind in sorted(KINDS) for k in range(getattr(chosen, f"{kind}s"))]
     print("\n".join(table(rows_of(chosen, names, row_of))))
 
 

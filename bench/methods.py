@@ -154,7 +154,7 @@ def _decomposition() -> Iterator[str]:
     ):
         at_once, by_loop = take_turns(
             lambda test=test: test(taps),
-            lambda test=test: [test(one[None]) for one in taps[:100]],
+            lambda test=test: [test(tap[None]) for tap in taps[:100]],
             runs=5,
             clock=process_time,
         )

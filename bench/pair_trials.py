@@ -82,7 +82,7 @@ def _outcome(
     t_s = measured.elapsed_s
     late = (t_s > stop_s - SEEN_S + 1e-9) & (t_s < stop_s + 1e-9)
     shown_s = measured.column(m.PERIODS) * GPS_L1_CA.period_s + measured.column(m.FRACTION_S)
-    error_m = np.stack([SPEED_OF_LIGHT_M_S * ((shown_s - one.sent_s(t_s) + 0.5e-3) % 1e-3 - 0.5e-3) for one in waves])
+    error_m = np.stack([SPEED_OF_LIGHT_M_S * ((shown_s - wave.sent_s(t_s) + 0.5e-3) % 1e-3 - 0.5e-3) for wave in waves])
     letters = np.array([arcs[int(arc)].signal.copy for arc in measured.arc])
     rows_of: list[list[NDArray[np.bool_]]] = [[], []]
     others = 0
@@ -111,7 +111,7 @@ def _outcome(
         followed=_followed(t_s[since], error_m[:, since], waves),
         code_m=np.stack([error_m[i, rows] for i, rows in enumerate(numbers)]),
         code_sigma_m=table[..., m.CODE_SIGMA_S] * SPEED_OF_LIGHT_M_S,
-        doppler_hz=table[..., m.DOPPLER_HZ] - np.array([[one.doppler_hz] for one in waves]),
+        doppler_hz=table[..., m.DOPPLER_HZ] - np.array([[wave.doppler_hz] for wave in waves]),
         doppler_sigma_hz=table[..., m.DOPPLER_SIGMA_HZ],
     )
 

@@ -133,11 +133,11 @@ def _code_less_phases(o: Observations, k: int, elevation_deg: Reals) -> Iterator
     phase_m = o.carrier_cyc[:, [k, j]] * SPEED_OF_LIGHT_M_S / o.carrier_hz[[k, j]]
     ratio = (o.carrier_hz[k] / o.carrier_hz[j]) ** 2
     values_m = o.pseudorange_m[:, k] - phase_m[:, 0] - 2.0 / (ratio - 1.0) * (phase_m[:, 0] - phase_m[:, 1])
-    there = np.isfinite(values_m)
+    present = np.isfinite(values_m)
     slips = (o.status[:, [k, j]] == CellStatus.SLIP).any(axis=1)
-    edges = np.flatnonzero(np.diff(there.astype(int), prepend=0) | (slips & there))
-    for first, end in zip(edges, np.append(edges[1:], there.size)):  # noqa: B905
-        if there[first] and end - first >= 20:
+    edges = np.flatnonzero(np.diff(present.astype(int), prepend=0) | (slips & present))
+    for first, end in zip(edges, np.append(edges[1:], present.size)):  # noqa: B905
+        if present[first] and end - first >= 20:
             arc = values_m[first:end]
             yield arc - arc.mean(), float(np.nanmean(elevation_deg[first:end, k]))
 
@@ -239,28 +239,28 @@ def _errors(
     for first in range(0, n - step // 2, step):
         part = slice(first, min(first + step, n))
         steady = difference_m[part] + units[part] @ baseline
-        there = np.isfinite(steady).mean(axis=0) > 0.8
-        if there.sum() < 5:
+        present = np.isfinite(steady).mean(axis=0) > 0.8
+        if present.sum() < 5:
             continue
-        design = np.ones((int(there.sum()), 1))
+        design = np.ones((int(present.sum()), 1))
         if pair.moving:  # each epoch has a position of its own
-            design = np.hstack((design, units[part][len(steady) // 2][there]))
-            left = np.array([_left_over(row[there], u[there]) for row, u in zip(steady, units[part], strict=True)])
+            design = np.hstack((design, units[part][len(steady) // 2][present]))
+            left = np.array([_left_over(row[present], u[present]) for row, u in zip(steady, units[part], strict=True)])
         else:
-            left = steady[:, there] - np.nanmean(steady[:, there], axis=1)[:, None]
+            left = steady[:, present] - np.nanmean(steady[:, present], axis=1)[:, None]
         values = np.nanmean(left, axis=0)
         hat = design @ np.linalg.pinv(np.nan_to_num(design))
         share = np.clip(1.0 - np.diag(hat), 1e-3, 1.0)
-        el = np.nanmean(elevations[part][:, there], axis=0)
+        el = np.nanmean(elevations[part][:, present], axis=0)
         found += [(float(v), float(e), float(s)) for v, e, s in zip(values, el, share, strict=True) if np.isfinite(v)]
     return found
 
 
 def _left_over(row: Reals, unit: Reals) -> Reals:
-    there = np.isfinite(row)
-    design = np.hstack((np.ones((int(there.sum()), 1)), unit[there]))
+    present = np.isfinite(row)
+    design = np.hstack((np.ones((int(present.sum()), 1)), unit[present]))
     out = np.full(row.shape, np.nan)
-    out[there] = row[there] - design @ np.linalg.lstsq(design, row[there], rcond=None)[0]
+    out[present] = row[present] - design @ np.linalg.lstsq(design, row[present], rcond=None)[0]
     return out
 
 
@@ -268,10 +268,10 @@ def _baseline(difference_m: Reals, units: Reals) -> Reals:
     """(3,) what the second place is off, by all epochs."""
     y, x = [], []
     for row, unit in zip(difference_m, units, strict=True):
-        there = np.isfinite(row)
-        if there.sum() >= 4:
-            y.append(row[there] - row[there].mean())
-            x.append(-(unit[there] - unit[there].mean(axis=0)))
+        present = np.isfinite(row)
+        if present.sum() >= 4:
+            y.append(row[present] - row[present].mean())
+            x.append(-(unit[present] - unit[present].mean(axis=0)))
     return np.asarray(np.linalg.lstsq(np.vstack(x), np.concatenate(y), rcond=None)[0])
 
 

@@ -84,9 +84,9 @@ def take_rows(o: Observations, rows: Indices) -> Observations:
     """Return some epochs, as a log of their own: time counts from the first one, where their signals are found."""
     cells: dict[str, Any] = {name: getattr(o, name)[rows] for name in (*OBSERVABLES, "gpst", "elapsed_s", "status")}
     cells["elapsed_s"] = cells["elapsed_s"] - cells["elapsed_s"][0]
-    there = np.isfinite(cells["pseudorange_m"])
-    seen = there.any(axis=0)
-    first = np.where(seen, there.argmax(axis=0), 0)
+    present = np.isfinite(cells["pseudorange_m"])
+    seen = present.any(axis=0)
+    first = np.where(seen, present.argmax(axis=0), 0)
     signals = np.flatnonzero(seen)
     channels: dict[str, Any] = {
         "found_elapsed_s": cells["elapsed_s"][first][signals],

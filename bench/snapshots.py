@@ -211,8 +211,8 @@ def said_of(scene: DrawnSnapshot, outcome: Any) -> list[tuple[str, str]]:
             continue
         # From which direction it comes says the phases; what the antennas share is arbitrary.
         turns = np.exp(2j * np.pi * (phases.phase_cyc[:, column, None] - scene.phase_cyc[made]))
-        there = np.isfinite(turns).all(axis=(1, 2))
-        alike = np.abs(np.mean(turns[there], axis=-1)).sum(axis=0)
+        present = np.isfinite(turns).all(axis=(1, 2))
+        alike = np.abs(np.mean(turns[present], axis=-1)).sum(axis=0)
         said.append((TRUTH[bool(scene.false[made[int(np.argmax(alike))]])], s.label))
     return said
 

@@ -137,7 +137,7 @@ def _alarms() -> Iterator[str]:
     for level in LEVELS_DBHZ:
         scene = scenes.read_ready_made("vector-one-spoofer")
         assert scene.sky.directions is not None
-        sats = tuple(one.sat for one in scene.sky.directions)
+        sats = tuple(direction.sat for direction in scene.sky.directions)
         sky = scene.sky.model_copy(update={"sats": sats, "zenith_cn0_dbhz": level, "horizon_cn0_dbhz": level})
         front_end = FrontEnd(rate_hz=10e6, bandwidth_hz=8e6, encoding="int", bits=8)
         scenario = scene.model_copy(update={"sky": sky, "attacks": (), "duration_s": ALARM_S, "front_end": front_end})

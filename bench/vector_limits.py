@@ -104,7 +104,7 @@ def _followed(samples: Samples, planes: Floats, navigation: NavigationData, trac
         receiver, state = tracker.receiver, tracker.state
         now_s = tracker.examined_s
         row = np.full((3, len(GPS_SATS)), np.nan)
-        mine = [i for i, one in enumerate(state.channels) if one.copy is not None]
+        mine = [i for i, channel in enumerate(state.channels) if channel.copy is not None]
         shown_s, doppler_hz = g.read_loops(
             state.loops[mine], now_s, rate_hz=receiver.rate_hz, if_hz=receiver.if_hz, signal=receiver.signal
         )

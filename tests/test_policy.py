@@ -142,7 +142,7 @@ read, and what is only shown."""
 
 def policies() -> list[object]:
     rooms = (detectors, fusion, inspect, receive)
-    found = [one for room in rooms for one in pkgutil.walk_packages(room.__path__, f"{room.__name__}.")]
+    found = [package for room in rooms for package in pkgutil.walk_packages(room.__path__, f"{room.__name__}.")]
     records = [(module, vars(module).get("POLICY")) for module in map(importlib.import_module, (m.name for m in found))]
     return [record for module, record in records if type(record).__module__ == module.__name__]
 

@@ -43,12 +43,12 @@ def test_every_record_that_holds_arrays_is_shown_short():
 
 
 def test_observations_show_receiver_span_and_signals():
-    shown = repr(OBSERVATIONS)
-    assert len(shown) < FEW_LINES
-    assert "\n" not in shown
+    result = repr(OBSERVATIONS)
+    assert len(result) < FEW_LINES
+    assert "\n" not in result
     for part in (OBSERVATIONS.receiver, "2000 from ", str(OBSERVATIONS.gpst[0])[:19], str(OBSERVATIONS.signals[0])):
-        assert part in shown
-    assert f"signals={len(OBSERVATIONS.signals)}: " in shown
+        assert part in result
+    assert f"signals={len(OBSERVATIONS.signals)}: " in result
 
 
 def test_measurements_on_a_disk_show_the_same():
@@ -94,7 +94,7 @@ def test_what_is_empty_is_left_out():
 
 
 def test_long_texts_and_tuples_are_cut():
-    shown = summarize(
+    result = summarize(
         "X", {"text": "a" * 500, "names": tuple("abcdefghij"), "many": (Observations,) * 99, "n": 0.1 + 0.2}
     )
-    assert shown == f"X(text='{'a' * 57}...', names=10: a, b, c, d, e, f, ..., many=99 type, n=0.3)"
+    assert result == f"X(text='{'a' * 57}...', names=10: a, b, c, d, e, f, ..., many=99 type, n=0.3)"

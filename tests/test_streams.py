@@ -85,11 +85,11 @@ def test_a_name_does_not_command_the_terminal(capsys):
 
 @given(st.text(st.characters()))
 def test_what_is_readable_has_no_sign_that_is_not(text):
-    shown = readable(text)
-    assert shown.replace("\n", "").isprintable()
-    shown.encode()
-    assert readable(shown) == shown
-    assert shown == text or not text.replace("\n", "").isprintable()
+    result = readable(text)
+    assert result.replace("\n", "").isprintable()
+    result.encode()
+    assert readable(result) == result
+    assert result == text or not text.replace("\n", "").isprintable()
 
 
 @pytest.mark.parametrize("width", [10, 20, 40, 80])
@@ -98,7 +98,7 @@ def test_a_narrow_terminal_cuts_no_number(width):
     rows.add_row("bow", "trusted", "57.7012000", "-111.9321000")
     console = Console(width=width, file=io.StringIO())
     print_table(console, rows)
-    shown = console.file.getvalue()
+    result = console.file.getvalue()
     for cell in ("trusted", "57.7012000", "-111.9321000"):
-        assert cell in shown
-    assert "\u2026" not in shown
+        assert cell in result
+    assert "\u2026" not in result

@@ -87,7 +87,7 @@ def test_parts_that_contradict_each_other_are_refused(change: Callable[[Document
 
 
 def test_a_verdict_shows_itself_in_a_notebook() -> None:
-    shown = Verdict.model_validate(SAMPLE)._repr_html_()
+    result = Verdict.model_validate(SAMPLE)._repr_html_()
     for text in (
         "Spoofed",
         SAMPLE["summary"],
@@ -95,7 +95,7 @@ def test_a_verdict_shows_itself_in_a_notebook() -> None:
         "59.4121000",
         "trusted",
     ):
-        assert text in shown, text
+        assert text in result, text
 
 
 def test_a_suspicion_shows_its_reason_and_what_else_it_may_be() -> None:
@@ -115,10 +115,10 @@ def test_a_suspicion_shows_its_reason_and_what_else_it_may_be() -> None:
 
 def test_no_attack_seen_is_shown_with_blanks_and_its_limits() -> None:
     changes = {"verdict": "no_attack_seen", "reason": "one receiver", "not_excluded": ["a false sky", "a slow drag"]}
-    shown = Verdict.model_validate(SAMPLE | changes)._repr_html_()
-    assert word_shown("no_attack_seen").capitalize() in shown
-    assert f": {'; '.join(changes['not_excluded'])}." in shown
-    assert "no_attack_seen" not in shown
+    result = Verdict.model_validate(SAMPLE | changes)._repr_html_()
+    assert word_shown("no_attack_seen").capitalize() in result
+    assert f": {'; '.join(changes['not_excluded'])}." in result
+    assert "no_attack_seen" not in result
 
 
 def test_every_benign_cause_of_the_records_has_words() -> None:
@@ -126,7 +126,7 @@ def test_every_benign_cause_of_the_records_has_words() -> None:
 
 
 def test_a_notebook_shows_names_and_runs_nothing() -> None:
-    shown = notebook_html("<b>", ["a & <script>"], (("<i>",), [("<img>",)]), (("empty",), []))
-    assert "&lt;b&gt;" in shown
-    assert "a &amp; &lt;script&gt;" in shown
-    assert not any(tag in shown for tag in ("<b>", "<script", "<i>", "<img", "empty"))
+    result = notebook_html("<b>", ["a & <script>"], (("<i>",), [("<img>",)]), (("empty",), []))
+    assert "&lt;b&gt;" in result
+    assert "a &amp; &lt;script&gt;" in result
+    assert not any(tag in result for tag in ("<b>", "<script", "<i>", "<img", "empty"))

@@ -36,8 +36,8 @@ def rows_of(attacks: int, clean: int, **options) -> list[dict]:
 
 
 def test_a_row_follows_from_its_name():
-    one, other = (drawn.examined("attack-2", **SHORT) for _ in range(2))
-    assert one | {"seconds": 0.0} == other | {"seconds": 0.0}
+    first, other = (drawn.examined("attack-2", **SHORT) for _ in range(2))
+    assert first | {"seconds": 0.0} == other | {"seconds": 0.0}
 
 
 def names(rows):

@@ -62,8 +62,8 @@ class Truth:
             true_s = make_interp_spline(counted_s, known_s, k=1)(elapsed_s)  # goes on straight for the last second
             delay_s = make_interp_spline(known_s, self.table["code_delay_s"][own], k=1)(true_s)
             near[label] = np.abs(range_m - LIGHT_M_S * (delay_s + ((gpst - EPOCH) / SECOND - true_s))) < 100.0
-        both = near["authentic"] & near["spoofed"]
-        return np.where(both, "", np.where(near["authentic"], "authentic", np.where(near["spoofed"], "spoofed", "")))
+        usable = near["authentic"] & near["spoofed"]
+        return np.where(usable, "", np.where(near["authentic"], "authentic", np.where(near["spoofed"], "spoofed", "")))
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +88,9 @@ class Run:
         table = pq.read_table(self.folder / "signals.parquet")
         names = ("receiver", "receiver_clock", "sat", "copy", "pseudorange_m", "label")
         cells = {name: table[name].to_numpy() for name in names}
-        there = np.isfinite(cells["pseudorange_m"].astype(float))
-        cells = {name: column[there] for name, column in cells.items()}
-        cells["true"] = np.full(there.sum(), "", "U9")
+        present = np.isfinite(cells["pseudorange_m"].astype(float))
+        cells = {name: column[present] for name, column in cells.items()}
+        cells["true"] = np.full(present.sum(), "", "U9")
         for receiver in self.verdict.receivers:
             start = np.datetime64(receiver.start_gpst, "ns")
             begun_s = (start - EPOCH) / SECOND

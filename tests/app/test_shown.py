@@ -47,7 +47,7 @@ def test_received_signals_and_silent_receivers_are_shown() -> None:
     deaf = Reception(
         source=samples("<stern>"), observations=None, decoded=NOBODY, n_signals=0, examined_s=3.0, left_out="deaf"
     )
-    shown = ReceiveResult(receptions=(heard, deaf), signals=(list_signals(heard.observations), ()))._repr_html_()
+    result = ReceiveResult(receptions=(heard, deaf), signals=(list_signals(heard.observations), ()))._repr_html_()
     for reported in (
         "bow: 2 signals in 3.0 s",
         "&lt;stern&gt;: 0 signals in 3.0 s; left out: deaf",
@@ -57,8 +57,8 @@ def test_received_signals_and_silent_receivers_are_shown() -> None:
         "-1234",
         "2.6",
     ):
-        assert reported in shown, reported
-    assert shown.count("<tr>") == 3
+        assert reported in result, reported
+    assert result.count("<tr>") == 3
 
 
 def test_a_scene_is_shown_with_the_files_that_there_are(tmp_path) -> None:
@@ -70,10 +70,10 @@ def test_a_scene_is_shown_with_the_files_that_there_are(tmp_path) -> None:
         recordings=(),
         observations=(),
     )
-    shown = made._repr_html_()
+    result = made._repr_html_()
     for reported in ("Scene two-antennas", "receivers: rx1, rx2; attacks: spoofer.", "rx1.obs", "2.5 kB"):
-        assert reported in shown, reported
-    assert "rx2.obs" not in shown
+        assert reported in result, reported
+    assert "rx2.obs" not in result
 
 
 def track_at(receiver: str, x_m: float) -> Track:

@@ -34,7 +34,7 @@ def test_a_bad_item_and_a_killed_worker_cost_nothing_else(tmp_path: Path) -> Non
     always.mkdir()
     fakes = [Fake(n) for n in range(6)]
     fakes += [Fake(6, error=True), Fake(7, kills=str(once), how_often=1), Fake(8, kills=str(always), how_often=99)]
-    errors, reported = done([item(one) for one in fakes], tmp_path / "a")
+    errors, reported = done([item(fake) for fake in fakes], tmp_path / "a")
     assert list(errors) == ["item-6", "item-8"]
     assert errors["item-6"].startswith("item 6: line 7 ")
     assert re.search(r"\bsignal 9\b", errors["item-8"])

@@ -70,8 +70,8 @@ def test_an_interrupted_run_prints_decisions_and_exits_130(app: App, capsys: pyt
 
 def test_unused_platform_keys_are_reported_in_one_line(app: App, capsys: pytest.CaptureFixture[str]) -> None:
     remark = "attitude: unused"
-    given = InputFile(path="ship.toml", format="platform", sha256=None, cut=(), left_out=(remark,), remarks=("odd",))
-    app.verdict = said("authentic").model_copy(update={"inputs": (given,)})
+    result = InputFile(path="ship.toml", format="platform", sha256=None, cut=(), left_out=(remark,), remarks=("odd",))
+    app.verdict = said("authentic").model_copy(update={"inputs": (result,)})
     assert cli.main(PROTECT) == 0
     out = capsys.readouterr().out
     assert f"Left out: ship.toml: {remark}\n" in out

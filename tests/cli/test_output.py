@@ -182,9 +182,9 @@ def test_both_places_are_shown_while_the_true_sky_is_open(app: App, capsys: pyte
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["rx1", "S1", "59.4100000", "16.8800000", "31.0", "10:00:59", "10:00:41"] in rows
     assert ["rx1", "S2", "58.2500000", "15.5000000", "-4.0", "10:00:59", "10:00:41"] in rows
-    shown = app.verdict._repr_html_()
-    assert "59.4100000" in shown
-    assert "58.2500000" in shown
+    result = app.verdict._repr_html_()
+    assert "59.4100000" in result
+    assert "58.2500000" in result
 
 
 def test_demo_opens_the_report_when_asked_to(app: App, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -89,11 +89,11 @@ def test_every_code_of_the_product_has_an_entry():
 
 
 def test_an_assumption_is_filled_from_the_finding():
-    said = explain(
+    result = explain(
         finding("place", "elsewhere", data={"assumes": ("receiver_stands",), "statistic": 3.0, "surveyed": False})
     )
-    assert said.assumptions == ("rx1 does not move",)
-    assert said.sentence.startswith("the signals put rx1 3.0 m from where it stood")
+    assert result.assumptions == ("rx1 does not move",)
+    assert result.sentence.startswith("the signals put rx1 3.0 m from where it stood")
 
 
 def test_what_is_lacking_is_named_with_what_gives_it():

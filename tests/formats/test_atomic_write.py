@@ -69,11 +69,13 @@ def test_a_kill_never_leaves_an_old_file_beside_a_new_one(tmp_path):
         (folder / "only-old.obs").write_text("old")
         (folder / "mine.txt").write_text("mine")
         status = killed_at(step, lambda folder=folder: write_run(folder, "new"))
-        left = texts(folder)
-        assert left.pop("mine.txt") == "mine"
-        assert set(left.values()) in ({"old"}, {"new"}, set()), f"at step {step}"
-        assert "verdict.json" not in left or {"verdict.json", "report.html"} <= set(left), f"at step {step}"
-        assert left.get("sums") is None or "verdict.json" not in left or set(NAMES) <= set(left), f"at step {step}"
+        result = texts(folder)
+        assert result.pop("mine.txt") == "mine"
+        assert set(result.values()) in ({"old"}, {"new"}, set()), f"at step {step}"
+        assert "verdict.json" not in result or {"verdict.json", "report.html"} <= set(result), f"at step {step}"
+        assert result.get("sums") is None or "verdict.json" not in result or set(NAMES) <= set(result), (
+            f"at step {step}"
+        )
         write_run(folder, "third", NAMES[:3])
         assert {path.name for path in folder.iterdir()} == {"mine.txt", *NAMES[:3]}
         step += 1

@@ -55,8 +55,8 @@ def test_observations_cut_anywhere_say_that_they_are_cut(content):
             between_epochs = content[end - 1 : end] == b"\n" and begins_an_epoch(content[end:])
             assert worst(remarks) is (RemarkKind.NOTE if between_epochs else RemarkKind.CUT), content[:end][-80:]
             cut_m, whole_m = seen.pseudorange_m, whole.pseudorange_m[: seen.gpst.size]
-            there = np.isfinite(cut_m)
-            assert np.array_equal(cut_m[there], whole_m[:, [whole.signals.index(s) for s in seen.signals]][there])
+            present = np.isfinite(cut_m)
+            assert np.array_equal(cut_m[present], whole_m[:, [whole.signals.index(s) for s in seen.signals]][present])
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9, 0.999])

@@ -22,7 +22,7 @@ def octets(values: np.ndarray, kind: str) -> np.ndarray:
 
 
 def kinds_of(stored: np.ndarray) -> set[tuple]:
-    return {(one.packing.encoding, one.packing.bits) for one in list_likely_packings(stored)}
+    return {(packing.packing.encoding, packing.packing.bits) for packing in list_likely_packings(stored)}
 
 
 @pytest.mark.parametrize("rms", [3.0, 20.0, 60.0])
@@ -37,8 +37,8 @@ def test_whole_bytes_are_recognized_by_their_hump(rms: float) -> None:
 def test_wide_numbers_are_recognized_by_their_quiet_byte(rms: float, order: str) -> None:
     stored = octets(normal(rms), f"{'<' if order == 'little' else '>'}i2")
     assert kinds_of(stored) == {("int", 16)}
-    assert {one.packing.byte_order for one in list_likely_packings(stored)} == {order}
-    assert {one.header_bytes for one in list_likely_packings(stored)} == {0}
+    assert {packing.packing.byte_order for packing in list_likely_packings(stored)} == {order}
+    assert {packing.header_bytes for packing in list_likely_packings(stored)} == {0}
 
 
 @pytest.mark.parametrize("order", ["little", "big"])
@@ -56,20 +56,22 @@ def test_the_order_of_wide_numbers_with_quiet_low_bytes_is_found(rms: float, ste
 def test_wide_numbers_of_two_values_are_one_stream(level: int, order: str) -> None:
     """In either order they are the same signal."""
     stored = octets(np.where(normal(1.0) > 0.0, level, -level), f"{'<' if order == 'little' else '>'}i2")
-    assert {(one.packing.bits, one.header_bytes) for one in list_likely_packings(stored)} == {(16, 0)}
+    assert {(packing.packing.bits, packing.header_bytes) for packing in list_likely_packings(stored)} == {(16, 0)}
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 def test_two_byte_channels_of_one_antenna_are_no_wide_numbers(noise: float) -> None:
-    both = np.stack(
+    result = np.stack(
         [normal(20.0) + noise * np.random.default_rng(k).normal(0.0, 20.0, normal(1.0).size) for k in range(2)]
     )
-    assert kinds_of(octets(np.clip(both.T.reshape(-1), -128, 127), "<i1")) == {("int", 8)}
+    assert kinds_of(octets(np.clip(result.T.reshape(-1), -128, 127), "<i1")) == {("int", 8)}
 
 
 def test_a_wide_number_that_begins_late_is_found() -> None:
     stored = np.concatenate([np.zeros(1, np.uint8), octets(normal(100.0), "<i2")])
-    assert {(one.packing.byte_order, one.header_bytes) for one in list_likely_packings(stored)} == {("little", 1)}
+    assert {(packing.packing.byte_order, packing.header_bytes) for packing in list_likely_packings(stored)} == {
+        ("little", 1)
+    }
 
 
 @pytest.mark.parametrize(("kind", "bits"), [("<f4", 32), (">f4", 32), ("<f8", 64), (">f8", 64)])
@@ -100,7 +102,7 @@ def test_packed_numbers_of_twelve_bits_are_recognized(rms, order, skip, encoding
 
 def test_numbers_of_24_bits_are_not_taken_for_twelve() -> None:
     stored = np.rint(normal(1e5)[:64_000]).astype("<i4").view(np.uint8).reshape(-1, 4)[:, :3].ravel()
-    assert not any(one.packing.bits == 12 for one in list_likely_packings(stored[: stored.size // 48 * 48]))
+    assert not any(packing.packing.bits == 12 for packing in list_likely_packings(stored[: stored.size // 48 * 48]))
 
 
 def test_two_and_four_bit_numbers_are_recognized_by_their_codes() -> None:
@@ -118,7 +120,7 @@ def test_two_and_four_bit_numbers_are_recognized_by_their_codes() -> None:
 def test_what_shows_nothing_is_taken_for_signs() -> None:
     stored = np.frombuffer(np.random.default_rng(3).bytes(N), np.uint8)
     assert kinds_of(stored) == {("sign", 1)}
-    assert {one.packing.bit_order for one in list_likely_packings(stored)} == {"msb-first", "lsb-first"}
+    assert {packing.packing.bit_order for packing in list_likely_packings(stored)} == {"msb-first", "lsb-first"}
 
 
 @pytest.mark.parametrize("header", [b"", b"made by a recorder".ljust(512, b"\0"), bytes(8192)])

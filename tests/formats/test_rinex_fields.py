@@ -48,10 +48,10 @@ def test_records_are_those_that_python_formats(kernel):
     values = rng.uniform(-1.0, 1.0, (40, 5, 4)) * 10.0 ** rng.integers(-4, 9, (40, 5, 4))
     values[..., 3] = rng.uniform(0.0, 70.0, (40, 5))
     values[rng.random(values.shape) < 0.1] = np.nan
-    there = np.isfinite(values[..., :3]).any(axis=-1) & (rng.random((40, 5)) < 0.8)
-    there[7] = False
+    present = np.isfinite(values[..., :3]).any(axis=-1) & (rng.random((40, 5)) < 0.8)
+    present[7] = False
     indicator = rng.integers(0, 4, (40, 5))
-    assert lay_out(kernel, values, there, indicator) == lay_out_in_python(values, there, indicator)
+    assert lay_out(kernel, values, present, indicator) == lay_out_in_python(values, present, indicator)
 
 
 @KERNELS

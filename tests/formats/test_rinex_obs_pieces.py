@@ -84,9 +84,9 @@ def blocks(content, cuts):
 def same(a, b):
     assert a.signals == b.signals
     for f in fields(a):
-        one, other = getattr(a, f.name), getattr(b, f.name)
-        if isinstance(one, np.ndarray):
-            np.testing.assert_array_equal(one, other, err_msg=f.name)
+        first, other = getattr(a, f.name), getattr(b, f.name)
+        if isinstance(first, np.ndarray):
+            np.testing.assert_array_equal(first, other, err_msg=f.name)
 
 
 @pytest.mark.parametrize("content", [file_3(), file_2()], ids=["3", "2"])

@@ -369,10 +369,10 @@ def test_a_cut_costs_only_what_is_cut(which, share):
         return
     full = parse_obs(whole).observations
     at = [full.signals.index(signal) for signal in seen.signals]
-    there = np.isfinite(seen.pseudorange_m)
+    present = np.isfinite(seen.pseudorange_m)
     expected = full.pseudorange_m[: len(seen.gpst), at]
-    np.testing.assert_array_equal(seen.pseudorange_m[there], expected[there])
-    np.testing.assert_array_equal(there[:-1], np.isfinite(expected)[:-1])
+    np.testing.assert_array_equal(seen.pseudorange_m[present], expected[present])
+    np.testing.assert_array_equal(present[:-1], np.isfinite(expected)[:-1])
 
 
 @pytest.mark.parametrize(

@@ -78,19 +78,19 @@ def test_what_is_written_is_read() -> None:
     (piece,) = read_log([b"".join(ubx_log(o))], "rx")
     read = piece.observations
     assert read.signals == SIGNALS
-    there = np.isfinite(o.pseudorange_m) | np.isfinite(o.carrier_cyc)
+    present = np.isfinite(o.pseudorange_m) | np.isfinite(o.carrier_cyc)
     np.testing.assert_array_equal(read.gpst, o.gpst)
     for name in ("pseudorange_m", "carrier_cyc"):
         np.testing.assert_array_equal(getattr(read, name), getattr(o, name))
     for name in ("doppler_hz", "cn0_dbhz"):
-        np.testing.assert_allclose(getattr(read, name)[there], getattr(o, name)[there], rtol=1e-6)
+        np.testing.assert_allclose(getattr(read, name)[present], getattr(o, name)[present], rtol=1e-6)
     known = np.isfinite(o.pseudorange_m)
     np.testing.assert_allclose(read.pseudorange_sigma_m[known], o.pseudorange_sigma_m[known])
     carrier = np.isfinite(o.carrier_cyc)
     np.testing.assert_allclose(read.carrier_sigma_cyc[carrier], o.carrier_sigma_cyc[carrier], atol=0.0041)
     np.testing.assert_array_equal(read.half_cycle_open, carrier & o.half_cycle_open)
-    both = carrier[1:] & carrier[:-1]
-    assert read.slipped[1:][both & o.slipped[1:]].all()
+    usable = carrier[1:] & carrier[:-1]
+    assert read.slipped[1:][usable & o.slipped[1:]].all()
     assert read.carrier_hz[6] == o.carrier_hz[6]
 
 
@@ -98,9 +98,9 @@ def test_pyubx2_reads_the_same() -> None:
     o = drawn(2)
     parsed = [message for _, message in UBXReader(io.BytesIO(b"".join(ubx_log(o))))]
     assert [message.identity for message in parsed] == ["RXM-RAWX"] * 2
-    there = np.isfinite(o.pseudorange_m[0]) | np.isfinite(o.carrier_cyc[0])
-    assert fields(parsed[0], "prMes") == np.nan_to_num(o.pseudorange_m[0][there]).tolist()
-    assert fields(parsed[0], "cpMes") == np.nan_to_num(o.carrier_cyc[0][there]).tolist()
+    present = np.isfinite(o.pseudorange_m[0]) | np.isfinite(o.carrier_cyc[0])
+    assert fields(parsed[0], "prMes") == np.nan_to_num(o.pseudorange_m[0][present]).tolist()
+    assert fields(parsed[0], "cpMes") == np.nan_to_num(o.carrier_cyc[0][present]).tolist()
     assert (parsed[0].week, parsed[0].rcvTow, parsed[0].leapS) == (2300, 604_798.0, 18)
 
 

@@ -79,7 +79,7 @@ def test_rays_that_run_alike_or_apart_do_not_meet():
 
 
 def test_rays_to_different_places_are_refused_by_their_p_value():
-    one, other = at(900.0, 1800.0, 60.0), at(-1500.0, 1800.0, 60.0)
-    rays = [ray(at(x, 0.0), one if x < 0.0 else other, sigma_rad=0.002) for x in np.linspace(-900.0, 900.0, 6)]
+    first, other = at(900.0, 1800.0, 60.0), at(-1500.0, 1800.0, 60.0)
+    rays = [ray(at(x, 0.0), first if x < 0.0 else other, sigma_rad=0.002) for x in np.linspace(-900.0, 900.0, 6)]
     found = locate_transmitter(rays)
     assert found is None or found.p_value < 1e-4

@@ -114,12 +114,12 @@ def with_missing(missing_s, back):
     labelled_ms = round(missing_s * 1e3)  # the label takes up whole milliseconds, ranges what is left
     range_m = after.pseudorange_m - (missing_s - 1e-3 * labelled_ms) * SPEED_OF_LIGHT_M_S
     later = np.arange(30) >= 15
-    there = ~later[:, None] | (np.arange(30)[:, None] >= 15 + np.resize(back, len(sats)))
+    present = ~later[:, None] | (np.arange(30)[:, None] >= 15 + np.resize(back, len(sats)))
     code_m = np.where(later[:, None], range_m, before.pseudorange_m)
     return replace(
         before,
         gpst=before.gpst + np.where(later, labelled_ms, 0).astype("timedelta64[ms]"),
-        pseudorange_m=np.where(there, code_m, np.nan),
+        pseudorange_m=np.where(present, code_m, np.nan),
     )
 
 

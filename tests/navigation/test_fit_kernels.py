@@ -57,8 +57,8 @@ def test_lines_of_sight_equal_the_twins():
             least_squares.compute_line_of_sight(satellite, position),
             fit_twin.compute_line_of_sight(satellite, position),
         )
-        for one, other in zip(ours, twins, strict=True):
-            np.testing.assert_allclose(one, other, rtol=0, atol=2e-8)
+        for first, other in zip(ours, twins, strict=True):
+            np.testing.assert_allclose(first, other, rtol=0, atol=2e-8)
 
 
 @pytest.mark.parametrize("ionosphere", [KLOBUCHAR, None])

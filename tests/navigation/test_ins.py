@@ -128,8 +128,8 @@ def test_lasting_errors_of_fixes_do_not_average_out():
             state, measurement_from_fix(state, drawn_fix(ROUND, second + 1.0, rng, place_m=0.1), settings)
         )
     assert np.all(np.sqrt(np.diag(state.covariance)[:3]) > 0.9 * before)  # as the start, not as the fixes
-    shown = expect_fix(state, settings)
-    assert np.sqrt(np.diag(shown.covariance)[:3]).max() < 0.1  # what a fix says is known far better than where one is
+    result = expect_fix(state, settings)
+    assert np.sqrt(np.diag(result.covariance)[:3]).max() < 0.1  # what a fix says is known far better than where one is
 
 
 def test_the_clock_runs_on_with_its_class():

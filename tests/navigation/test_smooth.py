@@ -39,16 +39,16 @@ def track(n, channels=1, *, sigma_m=1.0, rng=None, rate_m_s=300.0, ionosphere_m_
 def plainly(o, window_s, max_gap_epochs=3):
     """The same by the definition, cell by cell: the twin that the running sums must equal."""
     carrier = o.carrier_cyc * WAVELENGTH
-    there = np.isfinite(o.pseudorange_m) & np.isfinite(carrier)
+    present = np.isfinite(o.pseudorange_m) & np.isfinite(carrier)
     value, sigma = o.pseudorange_m.copy(), o.pseudorange_sigma_m.copy()
-    for c in range(there.shape[1]):
-        arc, latest, number, slipped = np.full(len(there), -1), None, 0, False
-        for i in range(len(there)):
+    for c in range(present.shape[1]):
+        arc, latest, number, slipped = np.full(len(present), -1), None, 0, False
+        for i in range(len(present)):
             slipped |= o.status[i, c] == 3
-            if there[i, c]:
+            if present[i, c]:
                 number += latest is not None and (slipped or i - latest > max_gap_epochs + 1)
                 arc[i], latest, slipped = number, i, False
-        for i in np.flatnonzero(there[:, c]):
+        for i in np.flatnonzero(present[:, c]):
             near = np.abs(o.elapsed_s - o.elapsed_s[i]) <= 0.5 * window_s * (1 + 1e-9)
             js = np.flatnonzero(near & (arc == arc[i]))
             w = 1.0 / o.pseudorange_sigma_m[js, c] ** 2

@@ -81,7 +81,7 @@ def test_the_error_is_what_the_covariance_says():
         outcomes, truth = run(begun(rng), TRUE, rng, 10)
         error = outcomes[-1].state.mean - truth
         squares.append(error @ np.linalg.solve(outcomes[-1].state.covariance, error))
-        assert not any(one.diverged for one in outcomes)
+        assert not any(outcome.diverged for outcome in outcomes)
     # The truth moves evenly, so that the errors are smaller than with the accelerations that are allowed for.
     assert np.mean(squares) < stats.chi2.isf(1e-3, 8 * 60) / 60
     assert np.mean(squares) > 0.25 * 8
@@ -105,11 +105,11 @@ def test_an_unfitting_signal_moves_the_state_as_least_squares():
     rng = np.random.default_rng(2)
     false_m = 117.0 * np.eye(8)[3]
     outcomes, truth = run(begun(rng), TRUE, rng, 30, lambda e: e._replace(range_m=e.range_m + false_m))
-    assert not any(one.diverged for one in outcomes)
+    assert not any(outcome.diverged for outcome in outcomes)
     _, unit, _ = compute_line_of_sight(SKY.satellite_ecef_m, truth[:3])
     design = np.column_stack((-unit, np.ones(8)))
     projector = np.eye(8) - design @ np.linalg.pinv(design)
-    left_m = np.mean([one.range_left_m for one in outcomes[10:]], axis=0)
+    left_m = np.mean([outcome.range_left_m for outcome in outcomes[10:]], axis=0)
     np.testing.assert_allclose(left_m, projector @ false_m, atol=2.0)
     pulled = outcomes[-1].state.mean[[0, 1, 2, 6]] - truth[[0, 1, 2, 6]]
     np.testing.assert_allclose(pulled, np.linalg.pinv(design) @ false_m, atol=15.0)

@@ -25,11 +25,11 @@ def recording(signals: list[One], cn0_dbhz: float, duration_s: float = 0.06, see
     t = np.arange(round(duration_s * RATE_HZ)) / RATE_HZ
     wave = (rng.standard_normal(t.size) + 1j * rng.standard_normal(t.size)) / np.sqrt(2.0)
     amplitude = np.sqrt(10.0 ** (cn0_dbhz / 10.0) / RATE_HZ)
-    for one in signals:
-        chips = (t - one.delay_s) * GPS_L1_CA.chip_rate_hz * (1.0 + one.doppler_hz / GPS_L1_CA.carrier_hz)
-        code = GPS_L1_CA.code(prn_of(one.sat))[np.floor(chips).astype(int) % 1023]
+    for signal in signals:
+        chips = (t - signal.delay_s) * GPS_L1_CA.chip_rate_hz * (1.0 + signal.doppler_hz / GPS_L1_CA.carrier_hz)
+        code = GPS_L1_CA.code(prn_of(signal.sat))[np.floor(chips).astype(int) % 1023]
         bits = rng.choice([-1.0, 1.0], 99)[np.floor(chips / 20460.0).astype(int)]
-        turns = (IF_HZ + one.doppler_hz) * t + rng.uniform()
+        turns = (IF_HZ + signal.doppler_hz) * t + rng.uniform()
         wave += amplitude * code * bits * np.exp(2j * np.pi * turns)
     planes = np.stack([wave.real, wave.imag]).astype(np.float32)
 

@@ -184,7 +184,7 @@ def test_the_middle_of_the_dopplers_is_as_near_to_zero_as_stated():
     navigation = make_nominal_constellation(START)
     instants = START + (rng.uniform(-3600.0, 3600.0, 400) * 1e9).astype("timedelta64[ns]")
     places = ecef_from_geodetic(np.arcsin(rng.uniform(-0.95, 0.95, 400)), rng.uniform(-np.pi, np.pi, 400), 0.0)
-    states = [compute_satellite_state(one, instants) for one in navigation.ephemerides]
+    states = [compute_satellite_state(ephemeride, instants) for ephemeride in navigation.ephemerides]
     position = np.stack([state.position_ecef_m for state in states])
     velocity = np.stack([state.velocity_ecef_m_s for state in states])
     away = position - places

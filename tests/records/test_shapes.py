@@ -96,9 +96,9 @@ RECORDS = [
 
 def parts(record):
     """What a record holds, mappings opened, by name."""
-    for one in fields(record):
-        value = getattr(record, one.name)
-        yield from value.items() if isinstance(value, dict) else [(one.name, value)]
+    for field in fields(record):
+        value = getattr(record, field.name)
+        yield from value.items() if isinstance(value, dict) else [(field.name, value)]
 
 
 @pytest.mark.parametrize("rows", [slice(2, 5), np.array([4, 1, 1]), np.arange(N) % 2 == 0], ids=["slice", "at", "mask"])

@@ -147,19 +147,19 @@ def test_what_comes_from_outside_is_escaped_everywhere() -> None:
         "settings": {evil: evil, "a": {evil: [evil]}},
         "versions": {evil: evil},
     }
-    given = pictures(1, 1)
+    result = pictures(1, 1)
     poisoned = Pictures(
-        zero_gpst=given.zero_gpst,
-        origin=given.origin,
+        zero_gpst=result.zero_gpst,
+        origin=result.origin,
         onset_s=1.0,
         series=tuple(
             SignalSeries(receiver=evil, signal=evil, label=s.label, seconds=s.seconds, cn0_dbhz=s.cn0_dbhz)
-            for s in given.series
+            for s in result.series
         ),
-        tracks=tuple(FixTrack(receiver=evil, kind=t.kind, east_m=t.east_m, north_m=t.north_m) for t in given.tracks),
+        tracks=tuple(FixTrack(receiver=evil, kind=t.kind, east_m=t.east_m, north_m=t.north_m) for t in result.tracks),
         sky=tuple(
             SkyPosition(receiver=evil, signal=evil, label=p.label, azimuth_deg=1.0, elevation_deg=2.0)
-            for p in given.sky
+            for p in result.sky
         ),
         truth=(TruePlace(receiver=evil, east_m=0.0, north_m=0.0),),
         profiles=tuple(
@@ -171,7 +171,7 @@ def test_what_comes_from_outside_is_escaped_everywhere() -> None:
                 power=p.power,
                 tags=(DelayTag(label="spoofed", delay_chips=0.0),),
             )
-            for p in given.profiles
+            for p in result.profiles
         ),
         differences=(RangeDifference(receivers=(evil, evil), sat=evil, label="unknown", metres=3.0),),
         findings=(MethodWords(detector=evil, words=evil, from_gpst=evil, to_gpst=evil),),
@@ -316,9 +316,9 @@ def test_an_open_page_gives_the_possible_positions() -> None:
 
 
 def test_skies_that_differ_are_drawn_each() -> None:
-    given = pictures()
-    other = tuple(replace(p, label="unknown") if p.receiver == "rx2" else p for p in given.sky)
-    page = report_html(VERDICT, replace(given, sky=other))
+    result = pictures()
+    other = tuple(replace(p, label="unknown") if p.receiver == "rx2" else p for p in result.sky)
+    page = report_html(VERDICT, replace(result, sky=other))
     assert "<h3>Sky over rx1</h3>" in page
     assert "<h3>Sky over rx2</h3>" in page
 

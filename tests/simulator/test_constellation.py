@@ -37,12 +37,12 @@ def test_without_a_word_it_is_the_nominal_constellation() -> None:
 
 
 def test_a_navigation_file_is_read(tmp_path: Path) -> None:
-    given = scenario()
-    write_nav(tmp_path / "given.rnx", make_navigation(given))
+    result = scenario()
+    write_nav(tmp_path / "given.rnx", make_navigation(result))
     reported = scenario(directions=None).model_copy(update={"navigation": tmp_path / "given.rnx"})
     assert {eph.sat for eph in make_navigation(reported).ephemerides} == {sat for sat, _, _ in DIRECTIONS}
-    one, other = (make_scene(table, make_navigation(table)).skies[0] for table in (given, reported))
-    np.testing.assert_allclose(one.delays_s(np.array([3.0])), other.delays_s(np.array([3.0])), rtol=0.0, atol=1e-14)
+    first, other = (make_scene(table, make_navigation(table)).skies[0] for table in (result, reported))
+    np.testing.assert_allclose(first.delays_s(np.array([3.0])), other.delays_s(np.array([3.0])), rtol=0.0, atol=1e-14)
     absent = reported.model_copy(update={"navigation": tmp_path / "none.rnx"})
     with pytest.raises(InputError, match=r"none\.rnx"):
         make_navigation(absent)
@@ -67,12 +67,12 @@ def test_satellites_stand_where_the_scenario_has_them(lat_deg: float, descending
 
 def test_they_move_as_gps_satellites_do() -> None:
     up, down = (make_navigation(scenario(descending=descending)).ephemerides for descending in (False, True))
-    for one, other in zip(up, down, strict=True):
-        assert isinstance(one, Ephemeris)
+    for first, other in zip(up, down, strict=True):
+        assert isinstance(first, Ephemeris)
         assert isinstance(other, Ephemeris)
-        assert quantise(one) == one  # a receiver that decodes the message has the same orbit
-        assert find_orbit_fault(one) is None
-        assert one.m0 != other.m0
+        assert quantise(first) == first  # a receiver that decodes the message has the same orbit
+        assert find_orbit_fault(first) is None
+        assert first.m0 != other.m0
     nominal = make_nominal_constellation(scenario().start_gpst).ephemerides[0]
     assert isinstance(nominal, Ephemeris)
     assert {eph.sqrt_a for eph in up if isinstance(eph, Ephemeris)} == {nominal.sqrt_a}

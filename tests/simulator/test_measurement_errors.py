@@ -177,8 +177,8 @@ def test_observations_have_them_if_asked(scene: Scene) -> None:
 def test_white_noise_is_as_it_was_without_them(scene: Scene) -> None:
     geometry = make_ideal_measurements(scene)[0]
     white = draw_noise(geometry, NoiseModel(), rng=np.random.default_rng(2))
-    both = draw_noise(geometry, NoiseModel(field=FieldErrors()), rng=np.random.default_rng(2))
-    extra = both - white
+    noise = draw_noise(geometry, NoiseModel(field=FieldErrors()), rng=np.random.default_rng(2))
+    extra = noise - white
     there = geometry.there.all(axis=0)
     assert correlation(extra[1:, there], extra[:-1, there]) > 0.9
     assert abs(correlation(white[1:, there], white[:-1, there])) < 0.2

@@ -41,27 +41,27 @@ def test_pseudoranges_are_on_the_receivers_own_clock(scene: Scene) -> None:
 
 def test_carrier_and_doppler_are_one_and_follow_the_range(scene: Scene) -> None:
     (observed, _), _ = draw(make_ideal_measurements(scene, interval_s=0.5), rng=np.random.default_rng(1), noise=SILENT)
-    there = np.isfinite(observed.carrier_cyc).all(axis=0)
-    carrier_m = observed.carrier_cyc[:, there] * SPEED_OF_LIGHT_M_S / L1_HZ
-    moved_m = np.diff(observed.pseudorange_m[:, there], axis=0) - np.diff(carrier_m, axis=0)
+    present = np.isfinite(observed.carrier_cyc).all(axis=0)
+    carrier_m = observed.carrier_cyc[:, present] * SPEED_OF_LIGHT_M_S / L1_HZ
+    moved_m = np.diff(observed.pseudorange_m[:, present], axis=0) - np.diff(carrier_m, axis=0)
     assert np.abs(moved_m).max() < 2e-3  # the ionosphere, with opposite signs
-    rate = np.diff(observed.carrier_cyc[:, there], axis=0) / 0.5
-    mean_doppler = 0.5 * (observed.doppler_hz[1:, there] + observed.doppler_hz[:-1, there])
+    rate = np.diff(observed.carrier_cyc[:, present], axis=0) / 0.5
+    mean_doppler = 0.5 * (observed.doppler_hz[1:, present] + observed.doppler_hz[:-1, present])
     np.testing.assert_allclose(mean_doppler, -rate, rtol=0.0, atol=1e-3)
-    assert np.abs(observed.carrier_cyc[0, there]).max() < 1.0
+    assert np.abs(observed.carrier_cyc[0, present]).max() < 1.0
 
 
 def test_a_copy_exists_from_its_onset_and_states_when_found(scene: Scene) -> None:
     (observed, _), labels = draw(make_ideal_measurements(scene), rng=np.random.default_rng(1))
     for column, signal in enumerate(observed.signals):
-        there = np.isfinite(observed.pseudorange_m[:, column])
-        np.testing.assert_array_equal(observed.status[:, column], np.where(there, 0, 1))
+        present = np.isfinite(observed.pseudorange_m[:, column])
+        np.testing.assert_array_equal(observed.status[:, column], np.where(present, 0, 1))
         if labels[SignalRef("one", signal)] == "spoofed":
             found_s, missed_s = observed.found_elapsed_s[column], observed.missed_elapsed_s[column]
             assert missed_s < 1.5 < found_s < 3.0
-            np.testing.assert_array_equal(there, observed.elapsed_s - 0.5 > 1.5)
+            np.testing.assert_array_equal(present, observed.elapsed_s - 0.5 > 1.5)
         else:
-            assert there.all()
+            assert present.all()
             assert np.isnan(observed.missed_elapsed_s[column])
 
 

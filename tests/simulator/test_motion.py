@@ -391,9 +391,9 @@ def test_samples_of_a_smooth_motion_give_it_back():
 
 def test_samples_keep_an_attitude_that_is_given():
     t_s, truth = np.arange(0.0, 60.0, 0.25), EVERY["way points"]
-    given = truth.at(t_s)
-    found = from_samples(t_s, given.position_ecef_m, attitude=given.attitude)
-    np.testing.assert_allclose(found.at(t_s).attitude, given.attitude, atol=1e-12)
+    result = truth.at(t_s)
+    found = from_samples(t_s, result.position_ecef_m, attitude=result.attitude)
+    np.testing.assert_allclose(found.at(t_s).attitude, result.attitude, atol=1e-12)
     between_s = t_s[8:-8] + 0.1
     one, other = truth.at(between_s), found.at(between_s)
     assert np.abs(one.attitude - other.attitude).max() < 2e-4

@@ -90,8 +90,8 @@ def excess_db(sky: ReceiverSky, true_s: Reals) -> Reals:
     """False power over true, (n, n_sats)."""
     level = sky.cn0_dbhz(true_s)
     false, true = columns(sky, "spoofed"), columns(sky, "authentic")
-    both = sorted(false.keys() & true.keys())
-    return np.asarray(level[:, [false[sat] for sat in both]] - level[:, [true[sat] for sat in both]])
+    usable = sorted(false.keys() & true.keys())
+    return np.asarray(level[:, [false[sat] for sat in usable]] - level[:, [true[sat] for sat in usable]])
 
 
 def shown_enu_m(name: str, true_s: Reals) -> Reals:

@@ -214,11 +214,11 @@ def test_correlators_of_every_satellite_see_one_takeover(number: int, sats: tupl
     at_s = np.array(STAGES_S)
     clean = correlators(number, at_s, *sats, attacked=False).mean[:, :, 0]
     false = correlators(number, at_s, *sats).mean[:, :, 0] - clean
-    there = np.abs(false).max(axis=2) > 0.0
-    assert there[:, :-1].all()
-    assert there[:, -1].sum() == at_s.size - 2  # G31 sets before the end
+    present = np.abs(false).max(axis=2) > 0.0
+    assert present[:, :-1].all()
+    assert present[:, -1].sum() == at_s.size - 2  # G31 sets before the end
     lost = 0.0 if number == 7 else 2.0 * GUESS_S / BIT_S
-    for epoch, channel in np.argwhere(there):
+    for epoch, channel in np.argwhere(present):
         found = likeness(false[epoch, channel], clean[epoch, channel], float(published_delay_m(at_s[epoch])))
         amplitude = float(published_amplitude(at_s[epoch]))
         assert amplitude * (1.0 - lost) - 2e-3 < found.amplitude < amplitude + 2e-3

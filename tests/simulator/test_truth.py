@@ -79,7 +79,7 @@ def test_the_clock_is_what_the_sampling_clock_counts(scene: Scene, name: str) ->
 def test_signals_are_what_is_measured_without_noise(scene: Scene, antenna: str) -> None:
     """Measurements are means over a second, which a steady acceleration moves by less than a tenth of a metre."""
     table = compute_signal_truth(scene, antenna)
-    (geometry,) = (one for one in make_ideal_measurements(scene) if one.receiver == antenna)
+    (geometry,) = (measurement for measurement in make_ideal_measurements(scene) if measurement.receiver == antenna)
     compared = 0
     for column, signal in enumerate(geometry.signals):
         mine = (table["sat"] == signal.sat) & (table["copy"] == signal.copy)
@@ -144,20 +144,20 @@ def test_blocks_put_together_are_the_whole(scene: Scene, monkeypatch: pytest.Mon
     monkeypatch.setattr(truth, "_EPOCHS", 3)
     assert len(list(iterate_trajectory_blocks(scene, "two"))) == 18
     assert len(list(iterate_signal_blocks(scene, "two.l"))) == 4
-    for one, other in zip(
+    for first, other in zip(
         whole, (compute_trajectory_truth(scene, "two"), compute_signal_truth(scene, "two.l")), strict=True
     ):
-        assert one.keys() == other.keys()
-        for name in one:
-            if one[name].dtype.kind == "f":
+        assert first.keys() == other.keys()
+        for name in first:
+            if first[name].dtype.kind == "f":
                 apart = 1e-14
                 if "doppler" in name:
                     apart = 2e-5  # of differences of delays, over 20 ms
                 elif "to_authentic" in name:
                     apart = 1e-7  # of differences of delays, in metres and cycles
-                np.testing.assert_allclose(one[name], other[name], rtol=1e-14, atol=apart)
+                np.testing.assert_allclose(first[name], other[name], rtol=1e-14, atol=apart)
             else:
-                np.testing.assert_array_equal(one[name], other[name])
+                np.testing.assert_array_equal(first[name], other[name])
 
 
 def test_labels_keep_a_nanosecond_and_true_s_the_rest(scene: Scene) -> None:

@@ -127,9 +127,9 @@ def test_a_torn_receiver_writes_what_the_kind_says(how) -> None:
     torn = put_tearing(o, false, Tearing(onset_s=onset_s(), how=how, share=0.5), np.random.default_rng(1))
     after = torn.pseudorange_m[ONSET:]
     assert np.array_equal(torn.pseudorange_m[:ONSET], o.pseudorange_m[:ONSET])
-    there = np.isfinite(after)
+    present = np.isfinite(after)
     if how == "few":
-        assert there.sum(axis=1).max() <= 6
+        assert present.sum(axis=1).max() <= 6
     if how == "alternate":
         true = after == o.pseudorange_m[ONSET:]
         assert (true[1:] != true[:-1]).all()

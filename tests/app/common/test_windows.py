@@ -173,8 +173,8 @@ def test_one_epoch_of_one_receiver_alone_makes_no_window(more, windows):
 def test_a_pause_of_years_is_one_window(pause):
     before = epochs_every(1.0, 60)
     gpst = np.concatenate([before.gpst, before.gpst[-1] + pause + np.arange(40) * np.timedelta64(1, "s")])
-    both = epochs_every(1.0, 100)
-    log = replace(both, gpst=gpst, elapsed_s=(gpst - gpst[0]) / np.timedelta64(1, "s"))
+    result = epochs_every(1.0, 100)
+    log = replace(result, gpst=gpst, elapsed_s=(gpst - gpst[0]) / np.timedelta64(1, "s"))
     windows = windows_of([WholeSource(log)], NavigationData(ephemerides=()), Settings())
     held = [int(((gpst >= start) & (gpst < end)).sum()) for start, end in pairwise(windows.edges())]
     assert sum(held) == 100

@@ -76,13 +76,13 @@ def test_what_is_written_runs_as_it_is(measured: Path, tmp_path: Path) -> None:
 
 def test_what_the_files_say_stands_beside_their_receiver(measured: Path) -> None:
     made = init([measured / "one.obs", recording(measured)], out=measured / "platform.toml", overwrite=True)
-    one, other = made.path.read_text(encoding="utf-8").split("[[receivers]]")[1:]
+    first, other = made.path.read_text(encoding="utf-8").split("[[receivers]]")[1:]
     place = PLACES[0]
     assert f"lat_deg = {place.lat_deg:.6f}, lon_deg = {place.lon_deg:.6f}, height_m = {place.height_m:.1f}" in (
-        one.replace("\n# ", " ")
+        first.replace("\n# ", " ")
     )
-    assert 'inputs = ["one.obs"]' in one
-    assert "from 2024-05-14T" in one
+    assert 'inputs = ["one.obs"]' in first
+    assert "from 2024-05-14T" in first
     assert re.search(
         r'name = "rx-1"\ninputs = \["rx 1\.bin"\]\n# raw, 2 Msps, .*\b2022-01-01T10:29:58\.000\b.* 0\.0 s', other
     )

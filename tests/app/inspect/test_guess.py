@@ -391,7 +391,7 @@ def test_noise_convinces_of_nothing(kind: str, tmp_path: Path) -> None:
     with pytest.raises(NotUnderstood) as refused:
         inspect(path, write=True)
     proposals = refused.value.guess.proposals
-    assert {one.layout.bits for one in proposals} == {1 if kind == "bits" else 8}
+    assert {proposal.layout.bits for proposal in proposals} == {1 if kind == "bits" else 8}
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -403,7 +403,7 @@ def test_of_many_noises_none_convinces(tmp_path: Path) -> None:
         path.write_bytes(noise(("bits", "int8")[seed % 2], 100 + seed))
         trial = guess(path)
         assert not trial.convincing
-        found += any(one.satellites for one in trial.proposals)
+        found += any(proposal.satellites for proposal in trial.proposals)
     assert found <= 2  # each search has a false alarm once in 10^4, and some twelve are made of each file
 
 
@@ -428,7 +428,7 @@ def test_a_sidecar_states_what_was_measured_and_is_read_back(swapped: Path) -> N
     assert again.sources["rate_hz"] == "sidecar swapped.toml"
     assert again.conjugate is False  # Q comes first in this file, and the sidecar says what to do about it
     assert again.proposals == ()
-    assert {one.sat for one in again.satellites} == {one.sat for one in found.satellites}
+    assert {satellite.sat for satellite in again.satellites} == {satellite.sat for satellite in found.satellites}
 
 
 @pytest.mark.usefixtures("guessed_once")

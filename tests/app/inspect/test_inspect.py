@@ -186,7 +186,7 @@ def test_a_clean_sky_is_all_there_with_nothing_wrong(
 ) -> None:
     _, heard = rendered
     (found,) = inspected
-    assert {one.sat for one in found.satellites} == heard
+    assert {satellite.sat for satellite in found.satellites} == heard
     assert found.conjugate is False
     assert found.survey.gaps == ()
     assert [remark for remark in found.remarks if "oscillator" not in remark] == []
@@ -197,7 +197,7 @@ def test_a_clean_sky_is_all_there_with_nothing_wrong(
 def test_satellites_in_the_conjugate_only_are_found(stored: tuple[Path, set[str]]) -> None:
     path, heard = stored
     (found,) = inspect(path, layout={**LAYOUT, "conjugate": True})
-    assert {one.sat for one in found.satellites} == heard
+    assert {satellite.sat for satellite in found.satellites} == heard
     assert found.conjugate is True
     assert any("mirrored" in remark for remark in found.remarks)
 
@@ -217,8 +217,8 @@ def test_the_longest_stretch_between_gaps_is_searched() -> None:
     (gap,) = found.survey.gaps
     assert gap.missing_samples == pytest.approx(1234, abs=0.5)
     assert found.stretch[0] > 99_900
-    assert {one.sat for one in found.satellites} == heard
-    assert all(one.peaks == 1 for one in found.satellites)
+    assert {satellite.sat for satellite in found.satellites} == heard
+    assert all(satellite.peaks == 1 for satellite in found.satellites)
 
 
 def test_the_command_prints_one_document_or_one_screen(stored: tuple[Path, set[str]], capsys) -> None:
@@ -269,15 +269,15 @@ def test_two_signals_of_a_satellite_are_two_peaks(tmp_path: Path) -> None:
     samples, heard = sky(duration_s=0.06)
     planes = samples.read(0, samples.n_samples)
     later = np.pad(planes, ((0, 0), (20, 0)))[:, : planes.shape[1]]  # 5 microseconds, 5.1 chips
-    both = Samples(
+    result = Samples(
         name="both",
         rate_hz=4e6,
         n_samples=planes.shape[1],
         read=lambda start, count: (planes + later)[:, start : start + count],
     )
-    found = inspect_samples(both)
-    assert {one.sat for one in found.satellites} == heard
-    assert sum(one.peaks == 2 for one in found.satellites) >= len(heard) - 2
+    found = inspect_samples(result)
+    assert {satellite.sat for satellite in found.satellites} == heard
+    assert sum(satellite.peaks == 2 for satellite in found.satellites) >= len(heard) - 2
     assert "than one" in found.summary
 
 
@@ -343,12 +343,12 @@ def test_a_notebook_shows_recording_and_satellites_escaped(stored: tuple[Path, s
     path, heard = stored
     strange = path.rename(path.with_name("a<b>&c.bin"))
     (found,) = inspect(strange, layout=LAYOUT)
-    shown = found._repr_html_()
-    ElementTree.fromstring(shown)
-    assert "a&lt;b&gt;&amp;c.bin" in shown
-    assert all(f">{sat}<" in shown for sat in heard)
-    assert shown.count("<tr>") == 1 + len(heard)
-    assert "4 MHz" in shown
+    result = found._repr_html_()
+    ElementTree.fromstring(result)
+    assert "a&lt;b&gt;&amp;c.bin" in result
+    assert all(f">{sat}<" in result for sat in heard)
+    assert result.count("<tr>") == 1 + len(heard)
+    assert "4 MHz" in result
 
 
 def test_earlier_results_are_shown_without_a_new_search(
@@ -364,6 +364,6 @@ def test_earlier_results_are_shown_without_a_new_search(
     )
     again = inspect_samples(described.samples, peaks=peaks)
     assert searched == []
-    assert {one.sat for one in again.satellites} == {one.sat for one in described.satellites}
+    assert {satellite.sat for satellite in again.satellites} == {satellite.sat for satellite in described.satellites}
     assert inspect_samples(described.samples, peaks=peaks[:3]).satellites == described.satellites
     assert searched == [1]

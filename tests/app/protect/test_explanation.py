@@ -81,6 +81,6 @@ def test_odd_signals_are_told_once_where_they_are_the_reason() -> None:
 def test_a_remark_is_told_whatever_it_begins_with() -> None:
     """Why a receiver is left out is told once, and is no remark of its own."""
     remark = "left out: 7 cells"
-    said = why_untested(outcome(received((remark,), "deaf")))
-    assert said == f"bow: deaf; {remark}"
+    result = why_untested(outcome(received((remark,), "deaf")))
+    assert result == f"bow: deaf; {remark}"
     assert [noted.rpartition(" ")[2] for noted in received((), "deaf").noted] == ["deaf"]

@@ -104,10 +104,10 @@ def test_what_no_satellite_checks_is_no_fix_to_use(satellites, fixes):
     log = CLEAN.select_channels(range(satellites))
     labels = [label for label in decision().labels if label.ref.signal in log.signals]
     all_day = tuple(replace(label, last_epoch=89) for label in labels if label.label == "authentic")
-    shown = set_up_positions(log, replace(decision(), labels=all_day), RECORDS.navigation, Settings())
-    found = sum(int((fix.status == FixStatus.OK).sum()) for _, fix in shown.stretches("trusted"))
+    result = set_up_positions(log, replace(decision(), labels=all_day), RECORDS.navigation, Settings())
+    found = sum(int((fix.status == FixStatus.OK).sum()) for _, fix in result.stretches("trusted"))
     assert found == fixes
-    ordinary = next(iter(shown.stretches("unprotected")))[1]
+    ordinary = next(iter(result.stretches("unprotected")))[1]
     assert (ordinary.status == FixStatus.OK).all()
 
 

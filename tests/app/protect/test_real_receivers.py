@@ -151,8 +151,8 @@ def test_a_captured_receiver_is_spoofed_since_with_its_signals(shared_data, tmp_
         if s.label == "spoofed":
             assert (s.sat, s.band, s.code) in {c.transmission for c in compared}
             assert s.from_gpst >= format_iso(since - window // 2, 6), (s.receiver, s.sat, s.from_gpst)
-    there = np.isfinite(rover.pseudorange_m[middle:]).mean(axis=0) > 0.9
-    compared = {s for s, whole in zip(rover.signals, there, strict=True) if whole and s in compared}
+    present = np.isfinite(rover.pseudorange_m[middle:]).mean(axis=0) > 0.9
+    compared = {s for s, whole in zip(rover.signals, present, strict=True) if whole and s in compared}
     named = {(s.receiver, s.sat, s.band, s.code) for s in verdict.signals if s.label == "spoofed"}
     assert {sat for _, sat, band, _ in named if band == "L1"} >= {
         s.sat for s in compared if s.kind == ("G", "L1", "CA")

@@ -91,7 +91,7 @@ def test_antennas_that_are_not_in_step_are_refused(key, value, words):
 def test_a_start_that_only_one_states_holds_for_all():
     source = in_step([samples(start_gpst=None), samples(path="two.bin")], "rx")
     assert (source.name, source.start_gpst, source.antenna) == ("rx", START, "1")
-    assert [one.antenna for one in source.others] == ["2"]
+    assert [other.antenna for other in source.others] == ["2"]
     assert source.read_all(0, 1000).shape == (2, 2, 1000)
 
 

@@ -32,7 +32,7 @@ def run(whole: Path, tmp_path: Path) -> Path:
 
 
 def states(found, state):
-    return {one.name for one in found.files if one.state == state}
+    return {file.name for file in found.files if file.state == state}
 
 
 def test_what_nobody_touched_is_unchanged(run, capfd):

@@ -398,8 +398,8 @@ def test_of_overlapping_skies_home_is_chosen_and_none_named(led_away):
     assert {(e.says, e.code) for e in later} == {("undecided", "chosen_overlapping")}
     assert later[0].data["wrong"] == pytest.approx(3.2e-4, rel=0.2)
     assert "one_of_overlapping" in later[0].data["assumes"]
-    both = fuse([*evidence, *found], [taken.observations], taken.sets)
-    assert not [s for s in both.labels if s.label == "spoofed"]
+    result = fuse([*evidence, *found], [taken.observations], taken.sets)
+    assert not [s for s in result.labels if s.label == "spoofed"]
     assert len(compared) == 1
 
 
