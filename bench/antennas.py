@@ -34,10 +34,10 @@ def report() -> Iterator[str]:
     together = [replace(first, others=tuple(others[: count - 1])) for count in counts]
 
     def tracking(recordings: list[Samples]) -> Callable[[], object]:
-        return lambda: [track(one, scene, true) for one in recordings]
+        return lambda: [track(item, scene, true) for item in recordings]
 
-    each = [replace(one, others=()) for one in (first, *others)]
-    taken = take_turns(*(tracking([one]) for one in together), tracking(each), runs=RUNS, clock=process_time)
+    each = [replace(item, others=()) for item in (first, *others)]
+    taken = take_turns(*(tracking([item]) for item in together), tracking(each), runs=RUNS, clock=process_time)
     per = 1e9 / (true.size * alone.n_samples)
     yield f"tracking an array: {true.size} signals, {DURATION_S:g} s at {RATE_HZ / 1e6:g} Msps, processor time"
     for count, spread in zip(counts, taken, strict=False):
@@ -61,8 +61,8 @@ def _in_memory(samples: Samples) -> Samples:
         return lambda start, n: plane[:, start : start + n]
 
     first, *others = (
-        replace(one, read=of(plane), n_samples=count, others=())
-        for one, plane in zip((samples, *samples.others), planes, strict=True)
+        replace(item, read=of(plane), n_samples=count, others=())
+        for item, plane in zip((samples, *samples.others), planes, strict=True)
     )
     return replace(first, others=tuple(others))
 

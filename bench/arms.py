@@ -225,9 +225,9 @@ def _windows(draws: int, attack: bool, how: dict[str, Any]) -> str:
     for number in range(draws):
         drawn = DrawnArm(number, attack=attack, **how)
         signals = drawn.records.observations[0].signals
-        said = {ref.signal: one.says for one in detector.examine(drawn.records)[0] for ref in one.signals}
+        findings = {ref.signal: item.says for item in detector.examine(drawn.records)[0] for ref in item.signals}
         for signal, false in zip(signals, drawn.false, strict=True):
-            count[f"{'false' if false else 'true'} {said.get(signal, 'nothing')}"] += 1
+            count[f"{'false' if false else 'true'} {findings.get(signal, 'nothing')}"] += 1
     return str(dict(sorted(count.items())))
 
 

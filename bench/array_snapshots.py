@@ -60,12 +60,12 @@ class Geometry:
         self.records = self.scene.records(rng)
         (self.o,) = self.records.observations
         self.false = np.array([s.copy == "b" for s in self.o.signals])
-        here = np.tile(ecef_from_geodetic(*self.lat_lon, 50.0), (2, 1))
+        place_ecef_m = np.tile(ecef_from_geodetic(*self.lat_lon, 50.0), (2, 1))
         angles = np.array([rng.uniform(0.0, 2.0 * np.pi), *np.radians(rng.uniform(-10.0, 10.0, 2))])
-        self.attitude = attitude_ecef(here, *np.tile(angles[:, None], 2))
+        self.attitude = attitude_ecef(place_ecef_m, *np.tile(angles[:, None], 2))
         gpst = np.array([self.o.gpst[0] - np.timedelta64(1, "s"), self.o.gpst[-1] + np.timedelta64(1, "s")])
         self.state = NavState(
-            gpst=gpst, position_ecef_m=here, velocity_ecef_m_s=np.zeros((2, 3)), attitude=self.attitude
+            gpst=gpst, position_ecef_m=place_ecef_m, velocity_ecef_m_s=np.zeros((2, 3)), attitude=self.attitude
         )
         side = int(np.ceil(np.sqrt(antennas)))
         grid = np.array([(k // side, k % side, 0.0) for k in range(antennas)])
@@ -116,8 +116,8 @@ def clean(draws: int, antennas: int, *, orbits: bool, alpha: float = 0.01) -> It
         count.update(f"array_common {word}" for word in {e.says for e in common.examine(records)[0]})
         if not orbits:
             continue
-        said = [e for e in ins.examine(records)[0] if not stands_beside(e)]
-        count.update(f"ins_array {word}" for word in {e.says for e in said})
+        findings = [e for e in ins.examine(records)[0] if not stands_beside(e)]
+        count.update(f"ins_array {word}" for word in {e.says for e in findings})
         view = ins.seen(
             records.array_phases[0], records.nav_state[records.array_phases[0].receiver], sky.scene.navigation
         )
@@ -168,11 +168,11 @@ def main() -> None:
     parser.add_argument("--antennas", type=int, default=24)
     parser.add_argument("--attacks", action="store_true")
     parser.add_argument("--orbits", action="store_true")
-    given = parser.parse_args()
+    options = parser.parse_args()
     rows = (
-        attacked(given.draws, given.antennas)
-        if given.attacks
-        else clean(given.draws, given.antennas, orbits=given.orbits)
+        attacked(options.draws, options.antennas)
+        if options.attacks
+        else clean(options.draws, options.antennas, orbits=options.orbits)
     )
     for row in rows:
         print(row, flush=True)

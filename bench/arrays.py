@@ -133,11 +133,11 @@ def _phases(
     reflections_cyc: float,
 ) -> tuple[ArrayPhases, NavState | None]:
     lat, lon = np.radians(scene.place_deg[:2])
-    here = np.tile(ecef_from_geodetic(lat, lon, scene.place_deg[2]), (2, 1))
+    place_ecef_m = np.tile(ecef_from_geodetic(lat, lon, scene.place_deg[2]), (2, 1))
     angles = np.array([rng.uniform(0.0, 2.0 * np.pi), *np.radians(rng.uniform(-10.0, 10.0, 2))])
-    true = attitude_ecef(here, *np.tile(angles[:, None], 2))
+    true = attitude_ecef(place_ecef_m, *np.tile(angles[:, None], 2))
     gpst = np.array([o.gpst[0] - np.timedelta64(1, "s"), o.gpst[-1] + np.timedelta64(1, "s")])
-    state = NavState(gpst=gpst, position_ecef_m=here, velocity_ecef_m_s=np.zeros((2, 3)), attitude=true)
+    state = NavState(gpst=gpst, position_ecef_m=place_ecef_m, velocity_ecef_m_s=np.zeros((2, 3)), attitude=true)
     elements_m = elements_of(rng, words["antennas"], words["side"] * WAVE_M, words["flat"])
     cn0_hz = 10.0 ** (0.1 * o.cn0_dbhz)
     shape = (*cn0_hz.shape, words["antennas"])
@@ -180,7 +180,7 @@ def judged(scene: Drawn) -> tuple[list[Evidence], dict[Any, str]]:
         ArrayCommon(ArrayCommonSettings(false_alarm_probability=ALPHA)),
         Residual(ResidualSettings(false_alarm_probability=ALPHA)),
     )
-    evidence = [said for detector in detectors for said in detector.examine(scene.records)[0]]
+    evidence = [findings for detector in detectors for findings in detector.examine(scene.records)[0]]
     decision = fuse(evidence, scene.records.observations, scene.records.sets)
     return evidence, {s.ref.signal: s.label for s in decision.labels}
 
@@ -238,7 +238,7 @@ def table(*, attacks: int, clean: int, first: int = 0) -> Iterator[str]:
                 f"  direction errors over sigma: {len(off)}, median {np.sqrt(np.median(squares)):.2f} (1.18), "
                 f"beyond 3.03 (1 %): {np.mean(squares > 9.21):.3f}"
             )
-        yield from (f"  WRONG {one}" for one in wrong)
+        yield from (f"  WRONG {item}" for item in wrong)
 
 
 def main() -> None:
@@ -249,12 +249,12 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--only", type=int)
     parser.add_argument("--quiet-sky", action="store_true", help="of --only: the clean scene of that number")
-    given = parser.parse_args()
-    if given.only is None:
-        for row in table(attacks=given.attacks, clean=given.clean, first=given.first):
+    options = parser.parse_args()
+    if options.only is None:
+        for row in table(attacks=options.attacks, clean=options.clean, first=options.first):
             print(row, flush=True)
         return
-    scene = drawn(given.only, attack=not given.quiet_sky)
+    scene = drawn(options.only, attack=not options.quiet_sky)
     evidence, labels = judged(scene)
     print(scene.words)
     for e in evidence:

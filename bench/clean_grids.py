@@ -85,7 +85,7 @@ def vehicle(rng: np.random.Generator, sky: Sky) -> list[Rays]:
     below = [(np.array([4.0 * np.sin(e)]) / CHIP_M, _levels(rng, 1), np.zeros(1)) for e in sky.elevation]
     sides = [wall(rng, sky, speed_m_s=speed_m_s) for _ in range(3)]
     return [
-        tuple(np.concatenate([one[k][part] for one in (below, *sides)]) for part in range(3))
+        tuple(np.concatenate([item[k][part] for item in (below, *sides)]) for part in range(3))
         for k in range(sky.azimuth.size)
     ]
 

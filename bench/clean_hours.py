@@ -57,16 +57,16 @@ def row_of(name: str) -> Row:
     settings = settings_of(made) if kind == "pair" else Settings()
     asked = settings.model_copy(update={"false_alarm_probability_per_hour": float(rate)})
     outcome, _ = judge([h.reception for h in heard], made.navigation, asked, Silent())
-    said = [e for e in outcome.evidence if e.says in AGAINST]
+    findings = [e for e in outcome.evidence if e.says in AGAINST]
     failed = [e for e in outcome.evidence if e.failed]
     return {
         "name": name,
         "hours": RUN_S / 3600.0,
         "verdict": outcome.decision.verdict,
         "n_windows": len({(e.start_gpst, e.end_gpst) for e in outcome.evidence}),
-        "against": _from_rates(said, float(rate)),
+        "against": _from_rates(findings, float(rate)),
         "failed": _from_rates(failed, float(rate)),
-        "why": sorted({f"{e.detector}: {explain(e).sentence}" for e in (*said, *failed)}),
+        "why": sorted({f"{e.detector}: {explain(e).sentence}" for e in (*findings, *failed)}),
         "labels": sum(s.label == "spoofed" for s in outcome.decision.labels),
         "windows": [[(d, float(f"{p:.{PLACES}g}"), s) for d, p, s in w] for w in tests_of(outcome.evidence)],
     }
@@ -120,11 +120,11 @@ def _rate(count: int, hours: float) -> str:
 
 def _shares(rows: Sequence[Row], detector: str) -> str:
     """Of the p-values below and above some, each with the error of the mean over runs."""
-    own = [np.array([p for w in row["windows"] for name, p, _ in w if name == detector]) for row in rows]
-    own = [p for p in own if p.size]
-    cells = [f"below {at:g} {_by_runs([p < at for p in own])}" for at in LIMITS]
-    cells += [f"above 0.99 {_by_runs([p > 0.99 for p in own])}", f"of 1 {_by_runs([p == 1.0 for p in own])}"]
-    return f"{sum(p.size for p in own)}: " + ", ".join(cells)
+    matching = [np.array([p for w in row["windows"] for name, p, _ in w if name == detector]) for row in rows]
+    matching = [p for p in matching if p.size]
+    cells = [f"below {at:g} {_by_runs([p < at for p in matching])}" for at in LIMITS]
+    cells += [f"above 0.99 {_by_runs([p > 0.99 for p in matching])}", f"of 1 {_by_runs([p == 1.0 for p in matching])}"]
+    return f"{sum(p.size for p in matching)}: " + ", ".join(cells)
 
 
 def _by_runs(hits: Sequence[Any]) -> str:

@@ -103,21 +103,21 @@ def main() -> int:
     parser.add_argument("--out", type=Path)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--compare", type=Path, nargs=2, metavar=("BEFORE", "AFTER"))
-    given = parser.parse_args()
-    if given.compare:
-        return int(compare(*given.compare) > 0)
+    options = parser.parse_args()
+    if options.compare:
+        return int(compare(*options.compare) > 0)
     if missing := not_installed():
         parser.error(f"detectors that are not installed: {', '.join(missing)}; run `make setup`")
-    if given.only and not given.out:
-        print("\n".join(json.dumps(row_of(name), default=str) for name in given.only))
+    if options.only and not options.out:
+        print("\n".join(json.dumps(row_of(name), default=str) for name in options.only))
         return 0
     if not has_data():
         print(f"{damaged.folder()} is not there: rows of {', '.join(REAL)} are left out", file=sys.stderr)
-    out = given.out or DEFAULT_OUT
+    out = options.out or DEFAULT_OUT
     out.parent.mkdir(parents=True, exist_ok=True)
-    names = given.only or (quick_names() if given.quick else names_of(samples=given.samples))
-    rows = run(names, row_of, out, given.processes)
-    counts = Counter((one["truth"], one["word"][:40]) for row in rows for one in row["runs"].values())
+    names = options.only or (quick_names() if options.quick else names_of(samples=options.samples))
+    rows = run(names, row_of, out, options.processes)
+    counts = Counter((item["truth"], item["word"][:40]) for row in rows for item in row["runs"].values())
     for (truth, word), count in sorted(counts.items()):
         print(f"{truth or '-':10s} {word or '-':40s} {count}")
     return 0

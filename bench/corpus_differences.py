@@ -106,9 +106,9 @@ def _places(old: Row, new: Row) -> Iterator[tuple[str, str]]:
         text = _moved(was.get(receiver, []), now.get(receiver, []))
         if text:
             yield sort_counts(old, new, "fixes"), f"{receiver}: {text}"
-    for what in () if was != now else ("fixes",):
-        if _count(old, f"wrong_{what}") != _count(new, f"wrong_{what}"):
-            yield sort_counts(old, new, what), f"wrong_{what}: {old['counts']} -> {new['counts']}"
+    for kind in () if was != now else ("fixes",):
+        if _count(old, f"wrong_{kind}") != _count(new, f"wrong_{kind}"):
+            yield sort_counts(old, new, kind), f"wrong_{kind}: {old['counts']} -> {new['counts']}"
 
 
 def _moved(was: Sequence[Any], now: Sequence[Any]) -> str:

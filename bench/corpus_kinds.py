@@ -355,7 +355,7 @@ def _case(number: str) -> Row:
 
 def _inspected(path: Path, folder: Path, layout: Mapping[str, object]) -> Row:
     try:
-        return {"truth": "", "word": " | ".join(one.summary for one in inspect(path, layout=layout))}
+        return {"truth": "", "word": " | ".join(item.summary for item in inspect(path, layout=layout))}
     except SkyproofError as error:
         return _refused(error, folder)
 

@@ -248,7 +248,7 @@ def damage_orbits(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None:
     some = [k for k in range(len(records)) if rng.random() < share] or [0]
     hours = int(rng.choice([-48, -24, -12, -8, -3, -2, -1, 1, 2, 3, 8, 12, 24, 48]))
     kepler = [k for k in some if records[k][0][0] not in "RS" or version < 3.0]
-    what = str(
+    fault = str(
         rng.choice(
             [
                 "dates",
@@ -281,36 +281,36 @@ def damage_orbits(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None:
         r"unhealthy",
         r"^orbits$",
     )
-    if what in ("dates", "dates and toe"):
+    if fault in ("dates", "dates and toe"):
         for k in some:
             records[k][0] = shift_date(records[k][0], hours, version)
-    if what in ("toe", "dates and toe"):
+    if fault in ("toe", "dates and toe"):
         for k in kepler:
             put(records[k], 3, 0, version, lambda toe: (toe + 3600.0 * hours) % 604800.0)
-    if what == "week":
+    if fault == "week":
         by = int(rng.choice([-1024, -1, 1, 1024, 37]))
         for k in kepler:
             put(records[k], 5, 2, version, lambda week: week + by)
-    if what in ("number", "digit", "sign", "exponent"):
+    if fault in ("number", "digit", "sign", "exponent"):
         for k in kepler:
             row, column = int(rng.integers(1, 5)), int(rng.integers(4))
             factor = {"number": 1.0 + 10.0 ** rng.uniform(-6, 0), "sign": -1.0, "exponent": 10.0 ** rng.choice([-1, 1])}
             a, b = field_of(records[k], row, column, version)
-            if what == "digit":
+            if fault == "digit":
                 place = int(rng.integers(a + 2, b - 5))
                 line = records[k][row].ljust(b)
                 if line[place].isdigit():
                     records[k][row] = line[:place] + str(rng.integers(10)) + line[place + 1 :]
             else:
-                put(records[k], row, column, version, lambda x, by=factor[what]: x * by)
-    if what == "clock":
+                put(records[k], row, column, version, lambda x, by=factor[fault]: x * by)
+    if fault == "clock":
         for k in kepler:
             records[k] = list(records[k])
             a = 23 if version >= 3.0 else 22
             text = records[k][0][a : a + 19].replace("D", "E")
             value = float(text) + float(rng.choice([-1, 1])) * 10.0 ** rng.uniform(-8, -3)
             records[k][0] = records[k][0][:a] + f"{value:19.12E}" + records[k][0][a + 19 :]
-    if what == "copy":
+    if fault == "copy":
         for k in kepler:
             other = list(records[k])
             put(
@@ -321,32 +321,32 @@ def damage_orbits(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None:
                 lambda x: x * (1.0 + 10.0 ** rng.uniform(-5, -1)),
             )
             records.append(other)
-    if what == "health":
+    if fault == "health":
         for k in kepler:
             put(records[k], 6, 1, version, lambda health: float(rng.choice([1, 63])))
-    if what == "system":
+    if fault == "system":
         keep = str(rng.choice(list("GRECJ")))
         kept = [r for r in records if r[0][0] == keep] if version >= 3.0 else records[:2]
         records = kept or records[:1]
-    if what == "swapped" and len(records) > 3:
+    if fault == "swapped" and len(records) > 3:
         i, j = rng.choice(len(records), 2, replace=False)
         n = 3 if version >= 3.0 else 2
         if records[i][0][0] == records[j][0][0] or version < 3.0:
             a, b = records[i][0][:n], records[j][0][:n]
             records[i][0], records[j][0] = b + records[i][0][n:], a + records[j][0][n:]
-    if what == "ionosphere":
+    if fault == "ionosphere":
         for k, line in enumerate(header):
             if "ION ALPHA" in line or "ION BETA" in line or line[:3] == "GPS":
                 header[k] = re.sub(
                     r"[ED]([-+]\d\d)", lambda m: f"E{int(m[1]) + int(rng.choice([-3, 2, 3, 5])):+03d}", line
                 )
-    if what == "leaps":
+    if fault == "leaps":
         header = [f"{int(rng.choice([0, -18, 99, 37])):6d}" + x[6:] if "LEAP SECONDS" in x else x for x in header]
     lines = header + [line for record in records for line in record]
-    if what == "cut":
+    if fault == "cut":
         lines = lines[: int(rng.integers(len(header) + 1, len(lines)))]
         lines[-1] = lines[-1][: int(rng.integers(1, 79))]
-    inputs.nav, inputs.damage = lines, f"{what} {share:g}"
+    inputs.nav, inputs.damage = lines, f"{fault} {share:g}"
 
 
 def surveyed(ecef_m: np.ndarray, sigma_m: float) -> dict[str, float]:
@@ -372,7 +372,7 @@ def minutes(value: float) -> float:
 def damage_positions(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None:
     places = [surveyed(ecef_m, sky.sigma_m) for ecef_m in sky.ecef_m]
     true = deepcopy(places)
-    what = str(
+    fault = str(
         rng.choice(
             [
                 "sea level",
@@ -403,29 +403,29 @@ def damage_positions(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None
     }
     for k in which:
         one = places[k]
-        if what == "sea level":
+        if fault == "sea level":
             one["height_m"] -= float(interpolate_geoid_m(one["lat_deg"], one["lon_deg"]))
-        if what == "feet":
+        if fault == "feet":
             one["height_m"] /= 0.3048
-        if what == "ground":
+        if fault == "ground":
             one["height_m"] -= up_m
-        if what == "height":
+        if fault == "height":
             one["height_m"] += float(rng.normal()) * 30.0
-        if what == "swapped" and abs(one["lon_deg"]) <= 90.0:
+        if fault == "swapped" and abs(one["lon_deg"]) <= 90.0:
             one["lat_deg"], one["lon_deg"] = one["lon_deg"], one["lat_deg"]
-        if what == "lon sign":
+        if fault == "lon sign":
             one["lon_deg"] = -one["lon_deg"]
-        if what == "lat sign":
+        if fault == "lat sign":
             one["lat_deg"] = -one["lat_deg"]
-        if what == "minutes":
+        if fault == "minutes":
             one["lat_deg"], one["lon_deg"] = minutes(one["lat_deg"]), minutes(one["lon_deg"])
-        if what == "digit":
+        if fault == "digit":
             one["lat_deg"] += float(rng.choice([-1, 1])) * 10.0 ** -float(rng.integers(1, 6))
-        if what == "offset":
+        if fault == "offset":
             az = rng.uniform(0.0, 2.0 * np.pi)
             one["lat_deg"] += np.degrees(offset_m * np.cos(az) / 6.37e6)
             one["lon_deg"] += np.degrees(offset_m * np.sin(az) / 6.37e6)
-    if what == "exchanged":
+    if fault == "exchanged":
         places.reverse()
     inputs.options = far_of(sky)
     inputs.platform["receivers"] = [{"position": place} for place in places]
@@ -438,9 +438,9 @@ def damage_positions(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None
         true, off_m = [true[k]], [off_m[k]]
     inputs.right = deepcopy(inputs)
     inputs.right.platform["receivers"] = [{"position": place} for place in true]
-    inputs.damage, inputs.off_m, inputs.sigma_m = what, max(off_m), sky.sigma_m
+    inputs.damage, inputs.off_m, inputs.sigma_m = fault, max(off_m), sky.sigma_m
     inputs.named = (
-        codes.get(what, r"wrong_statement|receivers_swapped|attitude_or_axes|height"),
+        codes.get(fault, r"wrong_statement|receivers_swapped|attitude_or_axes|height"),
         r"\.position is",
         "wrong_statement",
     )
@@ -459,15 +459,15 @@ def damage_distances(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None
         "yards": 1.0 / 0.9144,
         "any": float(10.0 ** rng.uniform(-1.0, 1.0)),
     }
-    what = str(rng.choice([*factors, "level", "absolute", "separation"]))
-    stated_m = true_m * factors.get(what, 1.0)
-    if what == "level":
+    fault = str(rng.choice([*factors, "level", "absolute", "separation"]))
+    stated_m = true_m * factors.get(fault, 1.0)
+    if fault == "level":
         stated_m = max(float(np.hypot(*sky.enu_m[:2])), 0.05)
-    if what == "absolute":
+    if fault == "absolute":
         stated_m = float(rng.uniform(0.5, 300.0))
-    inputs.damage = what
+    inputs.damage = fault
     inputs.named = ("feet|yards|metres|twice|half|decimal|level|wrong_statement",)
-    if what == "separation":
+    if fault == "separation":
         least_m = min(true_m * float(10.0 ** rng.uniform(0.0, 1.5)), 1e5)
         inputs.options = {
             "antenna_separation_m": least_m,
@@ -490,31 +490,31 @@ def damage_attitudes(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None
     heading, pitch, roll = float(rng.uniform(0.0, 360.0)), float(rng.normal() * 3.0), float(rng.normal() * 3.0)
     ned = np.array([sky.enu_m[1], sky.enu_m[0], -sky.enu_m[2]])
     body_m = rot_ned_body(*np.radians([heading, pitch, roll])).T @ ned
-    what = str(
+    fault = str(
         rng.choice(["heading", "opposite", "right angle", "left", "up", "order", "sign", "radians", "feet", "enu"])
     )
     true = (heading, body_m)
-    if what == "heading":
+    if fault == "heading":
         heading += float(rng.normal() * 30.0)
-    if what == "opposite":
+    if fault == "opposite":
         heading += 180.0
-    if what == "right angle":
+    if fault == "right angle":
         heading += float(rng.choice([-90.0, 90.0]))
-    if what == "sign":
+    if fault == "sign":
         heading = -heading
-    if what == "radians":
+    if fault == "radians":
         heading = float(np.radians(heading))
-    if what == "left":
+    if fault == "left":
         body_m = body_m * [1.0, -1.0, 1.0]
-    if what == "up":
+    if fault == "up":
         body_m = body_m * [1.0, 1.0, -1.0]
-    if what == "order":
+    if fault == "order":
         body_m = body_m[[1, 0, 2]]
-    if what == "feet":
+    if fault == "feet":
         body_m = body_m / 0.3048
-    inputs.damage, inputs.options = what, far_of(sky)
+    inputs.damage, inputs.options = fault, far_of(sky)
     inputs.named = ("attitude|axes|sign|swapped|feet|down|wrong_statement|height",)
-    if what == "enu" or np.abs(body_m).max() > 1e3:  # places as east, north, up, in another order of axes
+    if fault == "enu" or np.abs(body_m).max() > 1e3:  # places as east, north, up, in another order of axes
         orders = ([1, 0, 2], [0, 1, 2]), ([1, -1, 1], [-1, 1, 1], [1, 1, -1])
         enu_m = np.array(sky.enu_m)[orders[0][int(rng.integers(2))]] * orders[1][int(rng.integers(3))]
         places = {"0": (0.0, 0.0, 0.0), "1": tuple(map(float, enu_m))}
@@ -547,7 +547,7 @@ def damage_imu(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None:
     force = np.tile([0.0, 0.0, -9.8], (t.size, 1)) + 0.02 * rng.standard_normal((t.size, 3))
     turn = 1e-3 * rng.standard_normal((t.size, 3))
     heads = ["time_s", *(f"accel_{a}_m_s2" for a in "xyz"), *(f"gyro_{a}_rad_s" for a in "xyz")]
-    what = str(
+    fault = str(
         rng.choice(
             [
                 "ms",
@@ -574,53 +574,53 @@ def damage_imu(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None:
             ]
         )
     )
-    if what == "ms":
+    if fault == "ms":
         t = t * 1e3
-    if what == "us":
+    if fault == "us":
         t = t * 1e6
-    if what == "g":
+    if fault == "g":
         force = force / 9.80665
-    if what == "deg/s":
+    if fault == "deg/s":
         turn = np.degrees(turn)
-    if what == "axes":
+    if fault == "axes":
         order = rng.permutation(3)
         force, turn = force[:, order], turn[:, order]
-    if what in ("sign", "up"):
+    if fault in ("sign", "up"):
         force = -force
-        turn = turn if what == "sign" else turn * [1.0, -1.0, -1.0]
-    if what == "late":
+        turn = turn if fault == "sign" else turn * [1.0, -1.0, -1.0]
+    if fault == "late":
         t = t + float(rng.choice([-1e4, -20.0, 5.0, 1e4]))
-    if what == "gap":
+    if fault == "gap":
         keep = (t < 5.0) | (t > 5.0 + float(rng.uniform(1.0, 15.0)))
         t, force, turn = t[keep], force[keep], turn[keep]
-    if what == "slow":
+    if fault == "slow":
         every = int(rng.choice([10, 100, 10 * rate]))
         t, force, turn = t[::every], force[::every], turn[::every]
-    if what == "noise":
+    if fault == "noise":
         force, turn = force + 5.0 * rng.standard_normal(force.shape), turn + 1.0 * rng.standard_normal(turn.shape)
-    if what == "bias":
+    if fault == "bias":
         force, turn = force + rng.normal(size=3), turn + 0.3 * rng.normal(size=3)
-    if what == "back":
+    if fault == "back":
         t[t.size // 2 :] -= 3.0
     rows = [[f"{x:.6f}" for x in (a, *b, *c)] for a, b, c in zip(t, force, turn, strict=True)]
-    if what == "nan":
+    if fault == "nan":
         for k in rng.integers(len(rows), size=max(len(rows) // 5, 1)):
             rows[k][int(rng.integers(1, 7))] = str(rng.choice(["", "nan", "inf"]))
-    if what == "twice":
+    if fault == "twice":
         rows = [row for row in rows for _ in range(2)]
-    if what == "words":
+    if fault == "words":
         rows[len(rows) // 2][2] = "n/a"
-    if what == "names":
+    if fault == "names":
         heads = ["time", "ax", "ay", "az", "gx", "gy", "gz"]
-    between = ";" if what == "semicolon" else ","
+    between = ";" if fault == "semicolon" else ","
     text = "\n".join([between.join(heads), *(between.join(row) for row in rows)]) + "\n"
-    if what == "cut":
+    if fault == "cut":
         text = text[: int(rng.integers(len(text) // 3, len(text)))]
-    if what == "bom":
+    if fault == "bom":
         text = "\ufeff" + text
-    if what == "empty":
+    if fault == "empty":
         text = between.join(heads) + "\n"
-    inputs.imu, inputs.damage = text, what
+    inputs.imu, inputs.damage = text, fault
     grade = str(rng.choice(["consumer", "industrial", "tactical"]))
     inputs.platform["imu"] = {"file": "imu.csv", "grade": grade}
     if rng.random() < 0.5:
@@ -634,7 +634,7 @@ def damage_headers(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None:
     lines = inputs.obs[k]
     end = next(n for n, line in enumerate(lines) if "END OF HEADER" in line)
     types = [n for n in range(end) if "OBS TYPES" in lines[n] or "TYPES OF OBSERV" in lines[n]]
-    what = str(
+    fault = str(
         rng.choice(
             [
                 "count",
@@ -655,51 +655,51 @@ def damage_headers(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None:
         )
     )
     at = int(rng.choice(types))
-    if what == "count":
+    if fault == "count":
         counted = [n for n in types if re.match(r"[A-Z]? *\d+ ", lines[n][:7])]
         at = int(rng.choice(counted))
         by = int(rng.choice([-3, -1, 1, 2]))
         lines[at] = re.sub(
             r"^([A-Z]? *)(\d+)", lambda m: m[1] + f"{max(int(m[2]) + by, 0):{len(m[2])}d}", lines[at], count=1
         )
-    if what == "names":
+    if fault == "names":
         lines[at] = (
             lines[at][:6] + re.sub(r"\b([CLDS]\d)[A-Z]?\b", lambda m: m[1], lines[at][6:60]).ljust(54) + lines[at][60:]
         )
-    if what == "order":
+    if fault == "order":
         names = lines[at][6:60].split()
         rng.shuffle(names)
         width = 4 if float(lines[0][:9]) >= 3.0 else 6
         lines[at] = lines[at][:6] + "".join(f"{x:>{width}}" for x in names).ljust(54)[:54] + lines[at][60:]
-    if what == "again":
+    if fault == "again":
         starts = [n for n in range(end + 1, len(lines)) if lines[n][:1] == ">"] or [end + 1 + (len(lines) - end) // 2]
         middle = starts[len(starts) // 2]
         second = [x for x in lines[: end + 1]]
         if types:
             second[types[0]] = re.sub(r"C1C L1C", "L1C C1C", second[types[0]])
         lines[middle:middle] = second
-    if what == "version":
+    if fault == "version":
         lines[0] = str(rng.choice(["     2.11", "     3.02", "     4.00", "     9.99"])) + lines[0][9:]
     for label, text in (
         ("APPROX POSITION XYZ", f"{float(rng.normal() * 6e6):14.4f}{float(rng.normal() * 6e6):14.4f}{0.0:14.4f}"),
         ("INTERVAL", f"{float(rng.choice([0.0, 0.1, 30.0, -1.0])):10.3f}"),
         ("TIME OF FIRST OBS", "  1999     1     1     0     0    0.0000000     GPS"),
     ):
-        if what == label.split()[0].lower() or (what, label[:6]) in (("position", "APPROX"), ("first", "TIME O")):
+        if fault == label.split()[0].lower() or (fault, label[:6]) in (("position", "APPROX"), ("first", "TIME O")):
             lines[:] = [text.ljust(60) + x[60:] if x[60:].startswith(label) else x for x in lines]
-    if what == "label":
+    if fault == "label":
         lines[at] = lines[at][:60] + "SYS / # / OBS TYPE"
-    if what == "blank":
+    if fault == "blank":
         lines.insert(int(rng.integers(1, end)), "")
-    if what == "bom":
+    if fault == "bom":
         lines[0] = "\u00ef\u00bb\u00bf" + lines[0]
-    if what == "system":
+    if fault == "system":
         lines[at] = str(rng.choice(list("GERCJ"))) + lines[at][1:] if float(lines[0][:9]) >= 3.0 else lines[at]
-    if what == "no end":
+    if fault == "no end":
         del lines[end]
-    if what == "scale":
+    if fault == "scale":
         lines.insert(end, "G   10  2 C1C L1C".ljust(60) + "SYS / SCALE FACTOR")
-    inputs.damage = what
+    inputs.damage = fault
     inputs.named = (r"header", r"type", r"version", r"obs", r"left out", r"END OF", r"line \d+", r"marker|byte order")
 
 
@@ -711,7 +711,7 @@ def damage_epochs(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None:
     begins = re.compile(r">" if new else r" \d\d [ \d]\d [ \d]\d [ \d]\d [ \d]\d[ \d.]{11}  \d")
     starts = [n for n in range(end + 1, len(lines)) if begins.match(lines[n])]
     body = [lines[a:b] for a, b in zip(starts, [*starts[1:], len(lines)], strict=True)]
-    what = str(
+    fault = str(
         rng.choice(
             [
                 "absent",
@@ -735,28 +735,28 @@ def damage_epochs(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None:
     )
     some = [n for n in range(len(body)) if rng.random() < float(rng.choice([0.1, 0.3, 0.6]))] or [len(body) // 2]
     cells = [(n, m) for n in some for m in range(1, len(body[n]))]
-    if what == "absent":
+    if fault == "absent":
         body = [epoch for n, epoch in enumerate(body) if n not in some]
-    if what == "unreadable":
+    if fault == "unreadable":
         for n in some:
             body[n][0] = body[n][0].replace(" ", "#", 3)
-    if what == "twice":
+    if fault == "twice":
         body = [epoch for n, epoch in enumerate(body) for _ in range(2 if n in some else 1)]
-    if what == "order":
+    if fault == "order":
         n = int(rng.integers(len(body) - 1))
         body[n], body[n + 1] = body[n + 1], body[n]
-    if what in ("digits", "dots"):
+    if fault in ("digits", "dots"):
         for n, m in cells:
             if rng.random() < 0.3 and len(body[n][m]) > 12:
                 place = int(rng.integers(4, min(len(body[n][m]), 60)))
-                new_one = str(rng.integers(10)) if what == "digits" else str(rng.choice([".", "*", "-"]))
+                new_one = str(rng.integers(10)) if fault == "digits" else str(rng.choice([".", "*", "-"]))
                 body[n][m] = body[n][m][:place] + new_one + body[n][m][place + 1 :]
-    if what == "cycles" and new:
+    if fault == "cycles" and new:
         for epoch in body[len(body) // 2 :]:
             for m in range(1, len(epoch)):
                 if epoch[m][3:17].strip():
                     epoch[m] = epoch[m][:3] + f"{float(epoch[m][3:17]) / CARRIER_M:14.3f}" + epoch[m][17:]
-    if what == "count":
+    if fault == "count":
         for n in some:
             a, b = (32, 35) if new else (29, 32)
             number = body[n][0][a:b]
@@ -764,24 +764,24 @@ def damage_epochs(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None:
                 body[n][0] = (
                     body[n][0][:a] + f"{max(int(number) + int(rng.choice([-2, -1, 1, 3])), 0):3d}" + body[n][0][b:]
                 )
-    if what == "flag":
+    if fault == "flag":
         for n in some:
             a = 31 if new else 28
             body[n][0] = body[n][0][:a] + str(rng.choice(list("1345"))) + body[n][0][a + 1 :]
-    if what == "date":
+    if fault == "date":
         for n in some:
             body[n][0] = body[n][0][:2] + str(rng.choice(["19", "20", "99"])) + body[n][0][4:]
-    if what == "blank":
+    if fault == "blank":
         for n, m in cells:
             if rng.random() < 0.3:
                 body[n][m] = body[n][m][:3] if new else ""
-    if what == "shifted":
+    if fault == "shifted":
         for n, m in cells:
             body[n][m] = body[n][m][:3] + " " + body[n][m][3:]
-    if what == "lines lost":
+    if fault == "lines lost":
         for n in some:
             body[n] = [x for m, x in enumerate(body[n]) if m == 0 or rng.random() > 0.3]
-    if what == "late":
+    if fault == "late":
         for n in some:
             a, b = (18, 29) if new else (15, 26)
             body[n][0] = (
@@ -789,16 +789,16 @@ def damage_epochs(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None:
                 + f"{(float(body[n][0][a:b]) + float(rng.uniform(-0.4, 0.4))) % 60:11.7f}"
                 + body[n][0][b:]
             )
-    if what == "satellite" and new:
+    if fault == "satellite" and new:
         for n, m in cells:
             if rng.random() < 0.2:
                 body[n][m] = str(rng.choice(["G99", "X01", "g05", "E77"])) + body[n][m][3:]
     flat = [x for epoch in body for x in epoch]
-    if what == "cut":
+    if fault == "cut":
         flat = flat[: int(rng.integers(len(flat) // 3, len(flat)))]
         flat[-1] = flat[-1][: int(rng.integers(1, max(len(flat[-1]), 2)))]
     inputs.obs[k] = lines[: starts[0]] + flat
-    inputs.damage = what
+    inputs.damage = fault
     inputs.named = (r"epoch", r"left out", r"line", r"cell", r"missing", r"satellite", r"number", r"time", r"common")
 
 
@@ -835,8 +835,8 @@ def said(inputs: Inputs) -> dict[str, Any]:
             table = dict(inputs.platform)
             if "receivers" in table:
                 table["receivers"] = [
-                    {"name": name, "inputs": [f"{name}.obs"], **one}
-                    for name, one in zip(NAMES, table["receivers"], strict=False)
+                    {"name": name, "inputs": [f"{name}.obs"], **item}
+                    for name, item in zip(NAMES, table["receivers"], strict=False)
                 ]
                 paths = []
             platform = at / "platform.toml"
@@ -847,7 +847,7 @@ def said(inputs: Inputs) -> dict[str, Any]:
             return {"word": "error", "codes": [], "remarks": [str(error)], "reason": "", "why": str(error)[:300]}
         except Exception as error:  # a fault of skyproof, which is counted as such
             return {"word": "crash", "codes": [], "remarks": [], "reason": "", "why": repr(error)[:300]}
-        remarks = [str(remark) for one in verdict.inputs for remark in one.all_remarks]
+        remarks = [str(remark) for item in verdict.inputs for remark in item.all_remarks]
         codes = [cause.code for cause in verdict.wrong_statements]
         why = (verdict.summary + " | " + " ".join(remarks))[:600]
         codes += verdict.may_also_be[:1]
@@ -877,9 +877,9 @@ def row_of(name: str) -> Row:
     found = said(inputs)
     before = said(inputs.right or as_it_is) if inputs.right or which == "sim" else undamaged(which)
     known = {_without_path(remark) for remark in before["remarks"]}
-    text = [*found["codes"], *(one for one in found["remarks"] if _without_path(one) not in known)]
+    text = [*found["codes"], *(item for item in found["remarks"] if _without_path(item) not in known)]
     text += [found["reason"]] if kind in ("orbits", "imu") and found["reason"] != before["reason"] else []
-    named = any(re.search(pattern, one, re.IGNORECASE) for pattern in inputs.named for one in text)
+    named = any(re.search(pattern, item, re.IGNORECASE) for pattern in inputs.named for item in text)
     return {
         "name": name,
         "kind": kind,
@@ -953,14 +953,14 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
         return
     yield f"{'kind':10}{'runs':>6}{'spoofed':>9}{'crash':>7}{'error':>7}{'named':>7}{'harmless':>10}{'missed':>8}"
     for kind in (*KINDS, ""):
-        own = [row for row in rows if row["kind"] == kind or not kind]
-        if own:
-            words = Counter(row["word"] for row in own)
-            named = sum(row["named"] for row in own)
-            harmless = sum(not row["named"] and is_harmless(row) for row in own)
+        matching = [row for row in rows if row["kind"] == kind or not kind]
+        if matching:
+            words = Counter(row["word"] for row in matching)
+            named = sum(row["named"] for row in matching)
+            harmless = sum(not row["named"] and is_harmless(row) for row in matching)
             yield (
-                f"{kind or 'all':10}{len(own):6}{words['spoofed']:9}{words['crash']:7}{words['error']:7}{named:7}"
-                f"{harmless:10}{len(own) - named - harmless:8}"
+                f"{kind or 'all':10}{len(matching):6}{words['spoofed']:9}{words['crash']:7}{words['error']:7}{named:7}"
+                f"{harmless:10}{len(matching) - named - harmless:8}"
             )
     for row in rows:
         if row["word"] in ("spoofed", "crash"):
@@ -974,8 +974,8 @@ def is_harmless(row: Row) -> bool:
 
 def _attacked(rows: Sequence[Row]) -> Iterator[str]:
     for kind in sorted({row["kind"] for row in rows}):
-        own = [row for row in rows if row["kind"] == kind]
-        yield f"{kind:20}{len(own):4} {dict(Counter(row['word'] for row in own))}"
+        matching = [row for row in rows if row["kind"] == kind]
+        yield f"{kind:20}{len(matching):4} {dict(Counter(row['word'] for row in matching))}"
     yield from (f"  {row['name']} {row['damage']}: {row['why'][:200]}" for row in rows if row["word"] == "authentic")
 
 

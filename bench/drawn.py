@@ -241,7 +241,7 @@ def wrong_attacks(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _wrong(row: dict[str, Any]) -> bool:
-    return any(one["wrong"] for one in row.get("each", ()))
+    return any(item["wrong"] for item in row.get("each", ()))
 
 
 def passed_over(row: dict[str, Any]) -> bool:
@@ -275,8 +275,8 @@ def table(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
 def _counts(part: Sequence[dict[str, Any]]) -> str:
     counts = Counter(row["verdict"] for row in part)
     words = ", ".join(f"{word_shown(word)} {counts[word]:3d}" for word in reversed(WORDS))
-    each = [one for row in part for one in row["each"]]
-    fixes, beyond = sum(one["fixes"] for one in each), sum(one.get("beyond", 0) for one in each)
+    each = [item for row in part for item in row["each"]]
+    fixes, beyond = sum(item["fixes"] for item in each), sum(item.get("beyond", 0) for item in each)
     return (
         f"{len(part):4d}: {words} (passed over {sum(passed_over(row) for row in part):2d}); captured "
         f"{sum(row['captured'] for row in part):3d}; wrong {len(wrong_attacks(part)):2d}, fits the distance "
@@ -309,17 +309,17 @@ def _listed(rows: Sequence[dict[str, Any]], kind: str) -> Iterator[str]:
         "passed over, though a fix is beyond its bound or its time by 1 us": [
             row
             for row in rows
-            if passed_over(row) and any(one.get("beyond") or one.get("time_off_s", 0) > 1e-6 for one in row["each"])
+            if passed_over(row) and any(item.get("beyond") or item.get("time_off_s", 0) > 1e-6 for item in row["each"])
         ],
         "wrong in height or by 3-D only": [
-            row for row in rows if not _wrong(row) and any(one.get("wrong_3d") for one in row["each"])
+            row for row in rows if not _wrong(row) and any(item.get("wrong_3d") for item in row["each"])
         ],
         "1 to 3 bounds in more than 5 % of fixes": [
             row
             for row in rows
-            if not _wrong(row) and any(one.get("beyond", 0) > 0.05 * one["fixes"] for one in row["each"])
+            if not _wrong(row) and any(item.get("beyond", 0) > 0.05 * item["fixes"] for item in row["each"])
         ],
-        "time off by over 1 us": [row for row in rows if any(one.get("time_off_s", 0) > 1e-6 for one in row["each"])],
+        "time off by over 1 us": [row for row in rows if any(item.get("time_off_s", 0) > 1e-6 for item in row["each"])],
         "a label wrong": [row for row in rows if row["wrong_labels"]],
         "an attack, and no sign is said": [row for row in rows if "kind" in row and "no sign" in row["summary"]],
     }

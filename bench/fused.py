@@ -183,7 +183,7 @@ def _judged(made: BuiltScene, heard: Sequence[KnownReception]) -> Row:
     return {
         "windows": tests_of(outcome.evidence),
         "verdict": outcome.decision.verdict,
-        "captured": any(one["captured_s"] >= FOLLOWED_S for one in each),
+        "captured": any(item["captured_s"] >= FOLLOWED_S for item in each),
     }
 
 

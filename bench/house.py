@@ -130,7 +130,7 @@ def _reached(package: Path, trees: dict[Path, ast.Module]) -> set[Path]:
         reached.add(path)
         for node in ast.walk(trees[path]):
             for name in _imported(node):
-                asked += [of_name[one] for one in (name, name.rpartition(".")[0]) if one in of_name]
+                asked += [of_name[item] for item in (name, name.rpartition(".")[0]) if item in of_name]
     return reached
 
 

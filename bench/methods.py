@@ -119,7 +119,7 @@ def _row(method: Method) -> str:
     rng = np.random.default_rng(1)
     many, few = method.draw(MANY, rng), method.draw(FEW, rng)
     at_once, by_loop = take_turns(
-        lambda: method.test(many), lambda: [method.test(one[None]) for one in few], runs=5, clock=process_time
+        lambda: method.test(many), lambda: [method.test(item[None]) for item in few], runs=5, clock=process_time
     )
     at_once, by_loop = at_once * (1e9 / MANY / method.of_each), by_loop * (1e9 / FEW / method.of_each)
     times = by_loop.median / at_once.median

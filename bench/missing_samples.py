@@ -163,13 +163,13 @@ def row_of(number: int) -> dict[str, Any]:
     reception, tracker = received(drawn, scene, navigation)
     cut_s, period_s = drawn.cut / drawn.rate_hz, GPS_L1_CA.period_s
     near = [g for g in tracker.gaps if drawn.missing_s and -BEFORE_S < g.elapsed_s - cut_s < SOON_S]
-    shown = [round((-g.shift_s % period_s) * 1e3, 5) for g in near if g.shift_s]
+    result = [round((-g.shift_s % period_s) * 1e3, 5) for g in near if g.shift_s]
     rest = [round(g.elapsed_s, 2) for g in tracker.gaps if g not in near]
     ahead_s = None if reception.observations is None else _ahead_s(reception.observations, navigation, scene, cut_s)
     return vars(drawn) | {
         "cut_s": cut_s,
         "found": bool(near),
-        "shown_ms": shown,
+        "shown_ms": result,
         "others_s": rest,
         "ahead_s": ahead_s,
         "cpu_s": round(process_time() - begin, 1),

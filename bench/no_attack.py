@@ -136,8 +136,8 @@ def street(hours: float, *, walls: float = 0.0) -> Iterator[str]:
             evidence = MultiReceiver(stated(rng, keys)).examine(records)[0]
             words.update({e.says for e in evidence})
             seconds = SecondSignals(SecondSignalsSettings(false_alarm_probability=RATE)).examine(records)[0]
-            for name, said in (("multi_receiver", evidence), ("second_signals", seconds)):
-                least = min((e.p_value for e in said if e.says in AGAINST and e.p_value is not None), default=1.0)
+            for name, findings in (("multi_receiver", evidence), ("second_signals", seconds)):
+                least = min((e.p_value for e in findings if e.says in AGAINST and e.p_value is not None), default=1.0)
                 by_test.update((name, rate) for rate in (RATE, 1e-5, 1e-7) if least < rate)
     yield (
         f"{'walls' if walls else 'street'}: {_length(windows)}, {beside / windows / 2.0:.2f} second signals a receiver;"

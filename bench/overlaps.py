@@ -50,7 +50,7 @@ def _found(rate_hz: float, push: str, distance_m: float) -> float:
     delay_m = {"position": 0.0, "clock": distance_m, "clock back": -distance_m}[push]
     scene = MeasuredScene(false=(FalseSky(antenna_enu_m=(0.0, 0.0, 0.0), shows_enu_m=shows, delay_m=delay_m),), **PLACE)
     rng, detector = np.random.default_rng(5), Dccaf(DccafSettings(false_alarm_probability=OF_A_RUN))
-    said = 0
+    findings = 0
     for _ in range(WINDOWS):
         records = scene.records(rng)
         (o,) = records.observations
@@ -60,8 +60,8 @@ def _found(rate_hz: float, push: str, distance_m: float) -> float:
         delays = np.stack([np.zeros(len(true)), late_m / CHIP_M], axis=1)
         sizes = np.tile([1.0, 10.0 ** (0.05 * FALSE_DB)], (len(true), 1))
         evidence, _ = detector.examine(_with_grids(records, o, true, delays, sizes, rate_hz, rng))
-        said += evidence[0].says == "attack"
-    return said / WINDOWS
+        findings += evidence[0].says == "attack"
+    return findings / WINDOWS
 
 
 def _false(rate_hz: float, reflected: float) -> str:

@@ -85,7 +85,7 @@ def _outcome(
     error_m = np.stack([SPEED_OF_LIGHT_M_S * ((shown_s - wave.sent_s(t_s) + 0.5e-3) % 1e-3 - 0.5e-3) for wave in waves])
     letters = np.array([arcs[int(arc)].signal.copy for arc in measured.arc])
     rows_of: list[list[NDArray[np.bool_]]] = [[], []]
-    others = 0
+    rest = 0
     for name in np.unique([arc.signal.copy for arc in arcs.values()]):
         rows = late & (letters == name)
         off_m = np.median(np.abs(error_m[:, rows]), axis=1) if rows.any() else np.full(2, math.inf)
@@ -93,11 +93,11 @@ def _outcome(
         if off_m[which] < 0.5 * CHIP_M:
             rows_of[which].append(rows)
         elif rows.any() or any(arc.found_s > onset_s - 0.05 for arc in arcs.values() if arc.signal.copy == name):
-            others += 1
-    others += sum(len(found) - 1 for found in rows_of if found)
+            rest += 1
+    rest += sum(len(found) - 1 for found in rows_of if found)
     pulled = sum(arc.began == "pulled away" for arc in arcs.values())
     if not all(rows_of):
-        return Outcome(others=others, pulled=pulled)
+        return Outcome(others=rest, pulled=pulled)
     found_s = [min(arcs[int(arc)].found_s for arc in measured.arc[found[0]]) for found in rows_of]
     n = min(int(found[0].sum()) for found in rows_of)
     numbers = [np.flatnonzero(found[0])[:n] for found in rows_of]
@@ -105,7 +105,7 @@ def _outcome(
     since = (t_s > max(found_s) + 1e-9) & (t_s < stop_s + 1e-9)
     return Outcome(
         wait_s=max(found_s) - onset_s,
-        others=others,
+        others=rest,
         pulled=pulled,
         swapped=not any(letters[rows[0]] == "a" for rows in numbers[:1]),
         followed=_followed(t_s[since], error_m[:, since], waves),

@@ -71,22 +71,22 @@ def row_of(cell: Cell, trials: int) -> Row:
     """The trials of one cell."""
     rng = np.random.default_rng([round(100 * cell.apart_chips), round(cell.relative_db) + 100, round(cell.apart_hz)])
     outcomes = [trial(rng, cell) for _ in range(trials)]
-    good = [one for one in outcomes if one.both]
-    waits = [one.wait_s for one in good]
+    good = [item for item in outcomes if item.both]
+    waits = [item.wait_s for item in good]
     pulls_of = [pulls(cell, of_second) for of_second in (False, True)]
 
     def rms(of: int, errors: str) -> float:
-        values = [getattr(one, errors)[of] for one in good]
+        values = [getattr(item, errors)[of] for item in good]
         return _rms(np.concatenate(values)) if good else math.nan
 
     return Row(
         cell=cell,
         trials=trials,
         found=len(good),
-        others=sum(one.others for one in outcomes),
-        pulled=sum(one.pulled for one in outcomes),
-        swapped=sum(one.swapped for one in good),
-        followed=float(np.mean(np.concatenate([one.followed for one in good]))) if good else 0.0,
+        others=sum(item.others for item in outcomes),
+        pulled=sum(item.pulled for item in outcomes),
+        swapped=sum(item.swapped for item in good),
+        followed=float(np.mean(np.concatenate([item.followed for item in good]))) if good else 0.0,
         wait_s=(float(np.median(waits)), max(waits)) if good else (math.nan, math.nan),
         stays=min(stays(cell, of_second)[0] for of_second in (False, True)) if cell.apart_chips < 2.0 else 1.0,
         code_m=tuple((rms(i, "code_m"), rms(i, "code_sigma_m"), pulls_of[i][0]) for i in (0, 1)),
@@ -104,8 +104,8 @@ def _text(row: Row) -> str:
     share = f"{row.found}/{row.trials} (stays {row.stays:4.2f}) others {row.others} pulled {row.pulled}"
     if not row.found:
         return f"{head}: {share}"
-    code = ", ".join("{:.1f} ({:.1f}, {:.1f})".format(*one) for one in row.code_m)
-    doppler = ", ".join("{:.2f} ({:.2f}, {:.2f})".format(*one) for one in row.doppler_hz)
+    code = ", ".join("{:.1f} ({:.1f}, {:.1f})".format(*item) for item in row.code_m)
+    doppler = ", ".join("{:.2f} ({:.2f}, {:.2f})".format(*item) for item in row.doppler_hz)
     return f"{head}: {share}  {row.wait_s[0]:.1f} to {row.wait_s[1]:.1f} s  code {code} m  Doppler {doppler} Hz"
 
 
@@ -116,8 +116,8 @@ def _markdown(row: Row) -> str:
     cells += [str(row.others), str(row.pulled), str(row.swapped)]
     if row.found:
         cells += ["{:.2f} / {:.2f}".format(*row.wait_s), f"{row.followed:.3f}"]
-        cells += ["{:.1f} ({:.1f}; {:.1f})".format(*one) for one in row.code_m]
-        cells += ["{:.2f} ({:.2f}; {:.2f})".format(*one) for one in row.doppler_hz]
+        cells += ["{:.1f} ({:.1f}; {:.1f})".format(*item) for item in row.code_m]
+        cells += ["{:.2f} ({:.2f}; {:.2f})".format(*item) for item in row.doppler_hz]
     else:
         cells += ["–"] * 6
     return "| " + " | ".join(cells) + " |"

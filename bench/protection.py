@@ -146,8 +146,8 @@ def _one_run(folder: Path) -> None:
     watcher.start()
     inputs = sorted(folder.glob("*.bin"))
     platform = folder / "platform.toml"
-    given = {"platform": platform} if platform.is_file() else {"inputs": inputs}
-    result = protect(**given, nav=folder / "broadcast.rnx", out=folder / "result", overwrite=True)
+    arguments = {"platform": platform} if platform.is_file() else {"inputs": inputs}
+    result = protect(**arguments, nav=folder / "broadcast.rnx", out=folder / "result", overwrite=True)
     done.set()
     watcher.join()
     seconds = perf_counter() - begin

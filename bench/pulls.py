@@ -72,8 +72,8 @@ def stays(cell: Cell, of_second: bool, n_phases: int = 64) -> tuple[float, Reals
         dot = ((late - early) * np.conj(prompt)).real / np.maximum(power, 0.05) / gain
         bandwidth_hz = (settings.pull_in if k * step_s < settings.pull_in_s else settings.tracking).dll_bandwidth_hz
         tau = tau + 4.0 * bandwidth_hz * step_s * np.clip(dot, -0.5, 0.5)
-    there = np.abs(tau) < min(0.5, 0.5 * cell.apart_chips)
-    return float(there.mean()), np.where(there, tau, np.nan)
+    present = np.abs(tau) < min(0.5, 0.5 * cell.apart_chips)
+    return float(present.mean()), np.where(present, tau, np.nan)
 
 
 def pulls(cell: Cell, of_second: bool, n_phases: int = 32) -> tuple[float, float]:

@@ -108,28 +108,28 @@ def _changing(folder: Path, path: str, nav: str) -> Iterator[str]:
     yield f"  {path}, {step_s:g} s from epoch to epoch"
     for name, (system, band, codes) in SIGNALS.items():
         arcs = [
-            (one, el)
+            (item, el)
             for k, s in enumerate(o.signals)
             if s.sat[0] == system and s.band == band and s.code in codes
-            for one, el in _code_less_phases(o, k, elevation_deg)
+            for item, el in _code_less_phases(o, k, elevation_deg)
         ]
         for low, high in ELEVATIONS_DEG:
-            own = [one for one, el in arcs if low <= el < high]
-            if own:
-                sigma_m, phi, time_s = _law(own, step_s)
+            matching = [item for item, el in arcs if low <= el < high]
+            if matching:
+                sigma_m, phi, time_s = _law(matching, step_s)
                 yield (
-                    f"    {name:12s} {low:2.0f} to {high:2.0f} deg  {len(own):3d} arcs  {sigma_m:5.2f} m  "
+                    f"    {name:12s} {low:2.0f} to {high:2.0f} deg  {len(matching):3d} arcs  {sigma_m:5.2f} m  "
                     f"{phi:5.2f}  {time_s:5.0f} s"
                 )
 
 
 def _code_less_phases(o: Observations, k: int, elevation_deg: Reals) -> Iterator[tuple[Reals, float]]:
     """Arcs of code of one signal less its own and another band's phase, less their mean, and their elevations."""
-    others = [j for j, s in enumerate(o.signals) if s.sat == o.signals[k].sat and s.band != o.signals[k].band]
-    others = [j for j in others if np.isfinite(o.carrier_cyc[:, j]).any() and np.isfinite(o.carrier_hz[j])]
-    if not others:
+    rest = [j for j, s in enumerate(o.signals) if s.sat == o.signals[k].sat and s.band != o.signals[k].band]
+    rest = [j for j in rest if np.isfinite(o.carrier_cyc[:, j]).any() and np.isfinite(o.carrier_hz[j])]
+    if not rest:
         return
-    j = max(others, key=lambda j: abs(o.carrier_hz[j] - o.carrier_hz[k]))
+    j = max(rest, key=lambda j: abs(o.carrier_hz[j] - o.carrier_hz[k]))
     phase_m = o.carrier_cyc[:, [k, j]] * SPEED_OF_LIGHT_M_S / o.carrier_hz[[k, j]]
     ratio = (o.carrier_hz[k] / o.carrier_hz[j]) ** 2
     values_m = o.pseudorange_m[:, k] - phase_m[:, 0] - 2.0 / (ratio - 1.0) * (phase_m[:, 0] - phase_m[:, 1])
@@ -175,7 +175,7 @@ def _constant(folder: Path, pair: Pair) -> Iterator[str]:
     observed = [_read(folder, path, navigation) for path in pair.files]
     places = pair.places or tuple(place for _, place in observed)
     rows = _common_rows(*(o for o, _ in observed))
-    left, unit, elevation_deg = zip(
+    remaining, unit, elevation_deg = zip(
         *(_less_geometry(o, navigation, place) for (o, _), place in zip(observed, places, strict=True)), strict=True
     )
     yield f"  {pair.name}: windows of {pair.window_s:g} s"
@@ -186,7 +186,7 @@ def _constant(folder: Path, pair: Pair) -> Iterator[str]:
         if len(columns) < 5:
             continue
         ka, kb = (np.array(k) for k in zip(*columns, strict=True))
-        difference_m = left[1][rows[1]][:, kb] - left[0][rows[0]][:, ka]
+        difference_m = remaining[1][rows[1]][:, kb] - remaining[0][rows[0]][:, ka]
         units, elevations = unit[0][rows[0]][:, ka], elevation_deg[0][rows[0]][:, ka]
         difference_m = np.where(elevations >= ELEVATIONS_DEG[0][0], difference_m, np.nan)
         parts = [(difference_m[part], units[part], elevations[part]) for part in pair.rows]
@@ -245,10 +245,12 @@ def _errors(
         design = np.ones((int(present.sum()), 1))
         if pair.moving:  # each epoch has a position of its own
             design = np.hstack((design, units[part][len(steady) // 2][present]))
-            left = np.array([_left_over(row[present], u[present]) for row, u in zip(steady, units[part], strict=True)])
+            remaining = np.array(
+                [_left_over(row[present], u[present]) for row, u in zip(steady, units[part], strict=True)]
+            )
         else:
-            left = steady[:, present] - np.nanmean(steady[:, present], axis=1)[:, None]
-        values = np.nanmean(left, axis=0)
+            remaining = steady[:, present] - np.nanmean(steady[:, present], axis=1)[:, None]
+        values = np.nanmean(remaining, axis=0)
         hat = design @ np.linalg.pinv(np.nan_to_num(design))
         share = np.clip(1.0 - np.diag(hat), 1e-3, 1.0)
         el = np.nanmean(elevations[part][:, present], axis=0)
@@ -277,7 +279,7 @@ def _baseline(difference_m: Reals, units: Reals) -> Reals:
 
 def _rms(found: list[tuple[float, float, float]], low: float, high: float) -> str:
     """Of one track: a difference has the errors of two."""
-    own = [(e, s) for e, el, s in found if low <= el < high]
-    if not own:
+    matching = [(e, s) for e, el, s in found if low <= el < high]
+    if not matching:
         return "   -"
-    return f"{np.sqrt(sum(e * e for e, _ in own) / sum(s for _, s in own) / 2.0):4.2f}"
+    return f"{np.sqrt(sum(e * e for e, _ in matching) / sum(s for _, s in matching) / 2.0):4.2f}"

@@ -112,10 +112,10 @@ def _correlators(scene: Scene) -> Iterator[str]:
         ("epochs of the same, as copies move", moving_s, pairs_s.size),
         (f"epochs of a clean sky, {len(clean.skies[0].signals)} signals", clean_s, 10 * pairs_s.size),
     )
-    for what, took_s, trials in rows:
+    for kind, took_s, trials in rows:
         rate = trials / took_s.median
         beside = f"{rate:.0f} a second, {rate / naive:.0f} times as many"
-        yield line(what, took_s * (1e6 / trials), "us a trial", beside)
+        yield line(kind, took_s * (1e6 / trials), "us a trial", beside)
 
 
 def _measurements() -> Iterator[str]:
@@ -141,8 +141,8 @@ def _measurements() -> Iterator[str]:
         ("noise and errors of the field", field_s, cells),
         ("geometry, pulled", pulled_s, few),
     )
-    for what, took_s, count in rows:
-        yield line(what, took_s * (1e9 / count), "ns a cell", f"{count / took_s.median / 1e6:.3g} million a second")
+    for kind, took_s, count in rows:
+        yield line(kind, took_s * (1e9 / count), "ns a cell", f"{count / took_s.median / 1e6:.3g} million a second")
 
 
 def _naive(scene: Scene) -> NDArray[np.complex128]:

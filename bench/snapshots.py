@@ -96,14 +96,14 @@ class DrawnSnapshot:
         kept = np.array([s.sat in copied if s.copy == "b" else kind != "alone" or not attack for s in o.signals])
         self.signals = [s for s, there in zip(o.signals, kept, strict=True) if there]
         self.false = false[kept]
-        here = np.tile(ecef_from_geodetic(*np.radians((lat_deg, lon_deg)), 50.0), (1, 1))
+        place_ecef_m = np.tile(ecef_from_geodetic(*np.radians((lat_deg, lon_deg)), 50.0), (1, 1))
         angles = np.array([rng.uniform(0.0, 2.0 * np.pi), *np.radians(rng.uniform(-10.0, 10.0, 2))])
-        body = attitude_ecef(here, *angles[:, None])[0]
+        body = attitude_ecef(place_ecef_m, *angles[:, None])[0]
         side = int(np.ceil(np.sqrt(count)))
         grid = np.array([(k // side, k % side, 0.0) for k in range(count)])
         elements_m = grid * rng.uniform(0.5, 0.8) * WAVE_M @ Rotation.random(rng=rng).as_matrix().T
         ranges = correct_ranges(o.signals, o.gpst[:1], o.pseudorange_m[:1], self.navigation)
-        to_sats = ranges.satellite_ecef_m[0] - here[0]
+        to_sats = ranges.satellite_ecef_m[0] - place_ecef_m[0]
         towards = (to_sats / np.linalg.norm(to_sats, axis=1, keepdims=True))[kept]
         source = direction_cosines(rng.uniform(0.0, 2.0 * np.pi), np.radians(rng.uniform(0.0, 40.0)))[[1, 0, 2]]
         towards[self.false] = source @ rot_enu_ecef(*np.radians((lat_deg, lon_deg)))
@@ -251,7 +251,7 @@ def counted(
     if off and not attack:
         low = [float(np.mean(np.array(off) < p)) for p in (0.1, 0.01)]
         yield f"  residual's p-values: {len(off)}, below 0.1: {low[0]:.3f}, below 0.01: {low[1]:.3f}"
-    yield from (f"  WRONG {one}" for one in wrong)
+    yield from (f"  WRONG {item}" for item in wrong)
 
 
 def table(*, attacks: int, clean: int, **how: Any) -> Iterator[str]:
@@ -281,18 +281,18 @@ def main() -> None:
     parser.add_argument("--kind", choices=KINDS, default="", help=str(KINDS))
     parser.add_argument("--quiet-sky", action="store_true", help="of --only: the clean sky of that number")
     parser.add_argument("--duration", type=float, default=DURATION_S, help="seconds of a snapshot")
-    given = parser.parse_args()
+    options = parser.parse_args()
     how = {
-        "antennas": given.antennas,
-        "rate_hz": given.rate,
-        "kind": given.kind,
-        "duration_s": given.duration,
+        "antennas": options.antennas,
+        "rate_hz": options.rate,
+        "kind": options.kind,
+        "duration_s": options.duration,
     }
-    if given.only is None:
-        for row in table(attacks=given.attacks, clean=given.clean, first=given.first, **how):
+    if options.only is None:
+        for row in table(attacks=options.attacks, clean=options.clean, first=options.first, **how):
             print(row, flush=True)
         return
-    scene = DrawnSnapshot(given.only, attack=not given.quiet_sky, **how)
+    scene = DrawnSnapshot(options.only, attack=not options.quiet_sky, **how)
     for with_orbits in (True, False):
         outcome, took_s = judged(scene, with_orbits=with_orbits)
         print(outcome.decision.verdict, f"{took_s:.1f} s", f"power {scene.power_db:.1f} dB")

@@ -81,8 +81,8 @@ def report() -> Iterator[str]:
 
 def _shares(p: Reals, levels: tuple[float, ...]) -> str:
     return "; ".join(
-        f"{metric} " + " ".join(f"{np.mean(one < level):.4f}" for level in levels)
-        for metric, one in zip(NAMES, p, strict=True)
+        f"{metric} " + " ".join(f"{np.mean(item < level):.4f}" for level in levels)
+        for metric, item in zip(NAMES, p, strict=True)
     )
 
 
@@ -147,7 +147,7 @@ def _tracks(
 
 def _second_by_second(track: tuple[Complexes, Complexes]) -> Reals:
     """(metrics, n) p-values of one second; amplitudes are what prompts show."""
-    taps, slow_fast = (np.sqrt(LOOKS) * one.mean(axis=0) for one in track)
+    taps, slow_fast = (np.sqrt(LOOKS) * item.mean(axis=0) for item in track)
     early, prompt, late = taps[:, 0], taps[:, 2], taps[:, 4]
     jitter_chips = sqm.code_jitter_chips(LOOP_HZ, 0.125, np.abs(prompt) / np.sqrt(LOOKS), LOOK_S)
     lost = 0.0, 2.0 * np.sqrt(2.0 / np.pi) * jitter_chips  # on the mean over a second half of it, give or take
@@ -155,14 +155,14 @@ def _second_by_second(track: tuple[Complexes, Complexes]) -> Reals:
     of_looks = sqm.delta_metric(track[0][..., 0], track[0][..., 2], track[0][..., 4])
     deviates = (
         sqm.ratio_deviate(sqm.delta_metric(early, prompt, late), prompt, delta),
-        sqm.ratio_deviate(sqm.ratio_metric(early, prompt, late), prompt, *(sqm.ratio_law(0.5, one) for one in lost)),
+        sqm.ratio_deviate(sqm.ratio_metric(early, prompt, late), prompt, *(sqm.ratio_law(0.5, item) for item in lost)),
         sqm.ratio_deviate(sqm.magnitude_difference(early, prompt, late), prompt, delta),
         sqm.ratio_deviate(sqm.doppler_metric(slow_fast[:, 0], prompt, slow_fast[:, 1]), prompt, doppler),
     )
     variance = sqm.ratio_deviate(of_looks, track[0][..., 2], delta).var(axis=0, ddof=1)
     return np.stack(
         [
-            *(2.0 * special.ndtr(-np.abs(one)) for one in deviates),
+            *(2.0 * special.ndtr(-np.abs(item)) for item in deviates),
             sqm.moving_variance_p_value(variance, 1.0, LOOKS),
         ]
     )

@@ -36,7 +36,7 @@ def report(scenes: tuple[str, ...] = SCENES) -> Iterator[str]:
     for name in scenes:
         with TemporaryDirectory() as folder:
             found = _judged(name, Path(folder))
-        words = ", ".join("error" if one is None else one.verdict for one in found)
+        words = ", ".join("error" if item is None else item.verdict for item in found)
         apart_m = "" if None in found[:2] else f"{_apart_m(*found[:2]):.2f} m"
         yield f"  {name:<18} {words:<50} {apart_m}"
 
@@ -56,8 +56,8 @@ def _judged(name: str, folder: Path) -> list[Any]:
         files.append(folder / f"{o.receiver}.obs")
         write_channels(files[-1], o, "mixed", None, o.signals)
         places.append(sky.point(np.array([sky.receiver.start_offset_s])).position_ecef_m[0])
-    given = {"antenna_distance_m": float(np.linalg.norm(places[0] - places[1]))} if len(places) > 1 else {}
-    return [_verdict(files, nav=nav, **given), _verdict(logs, nav=nav, **given), _verdict(logs, **given)]
+    arguments = {"antenna_distance_m": float(np.linalg.norm(places[0] - places[1]))} if len(places) > 1 else {}
+    return [_verdict(files, nav=nav, **arguments), _verdict(logs, nav=nav, **arguments), _verdict(logs, **arguments)]
 
 
 def _verdict(paths: list[Path], **given: Any) -> Any:

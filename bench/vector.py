@@ -212,9 +212,9 @@ def _blocked(share: float, blocked_s: float) -> Iterator[str]:
     reference, _ = _tracked(_in_memory(samples, planes), navigation, "scalar")
     sats = sorted({arc.signal.sat for arc in reference.arcs.values()})
     blocked = sats if share == 1.0 else sats[::2]
-    left = tuple(sat for sat in sats if sat not in blocked)
-    if left:
-        sky = scenario.sky.model_copy(update={"sats": left})
+    remaining = tuple(sat for sat in sats if sat not in blocked)
+    if remaining:
+        sky = scenario.sky.model_copy(update={"sats": remaining})
         planes[:, gone] = render_samples(scenario.model_copy(update={"sky": sky}), navigation)[0].read(
             gone.start, gone.stop - gone.start
         )
@@ -242,8 +242,8 @@ def _blocked(share: float, blocked_s: float) -> Iterator[str]:
                 found = observe(tracker, navigation).observations
                 assert found is not None
                 o = found.read(0, found.gpst.size)
-                own = [signal.sat for signal in o.signals].index(sat)
-                apart_m = o.pseudorange_m[again[0], own] - truth.pseudorange_m[again[0], column]
+                matching = [signal.sat for signal in o.signals].index(sat)
+                apart_m = o.pseudorange_m[again[0], matching] - truth.pseudorange_m[again[0], column]
                 errors.append(abs(apart_m) / (3e8 * rows.table[row, m.CODE_SIGMA_S]))
         new = sum(arc.began != "found" for arc in tracker.arcs.values())
         yield (
@@ -332,12 +332,12 @@ def _drawn(skies: list[MeasuredScene], attacked: int, settings: VectorSqmSetting
         doppler[hit] = rng.uniform(5.0, 500.0, attacked) * rng.choice([-1.0, 1.0], attacked)
         # The loops' correction is that of 1 ms whatever they sum, which is no less than a look does.
         offsets = equilibrium(satellite_geometry(there.design), code, doppler, level + 10.0 * np.log10(LOOKED_S / 1e-3))
-        if not all(np.isfinite(one).all() for one in offsets) or np.abs(offsets.code_chips).max() > 0.5:
+        if not all(np.isfinite(item).all() for item in offsets) or np.abs(offsets.code_chips).max() > 0.5:
             lost += 1
             continue
         evidence, onset_s = _examined(records, offsets, level, settings, rng)
         names = tuple(str(o.signals[k]) for k in sorted(hit))
-        first = next((k for k, one in enumerate(evidence) if one.failed), None)
+        first = next((k for k, item in enumerate(evidence) if item.failed), None)
         if first is None:
             continue
         counted["noticed"] += 1
@@ -354,9 +354,9 @@ def _drawn(skies: list[MeasuredScene], attacked: int, settings: VectorSqmSetting
             counted["several"] += 1
             counted["among"] += any(suspects[k : k + size] == names for k in range(0, len(suspects), max(size, 1)))
     delays = ", ".join(
-        f"{name} {np.median(one):.1f}, {np.quantile(one, 0.95):.1f}"
-        for name, one in (("word", word_s), ("seen", seen_s))
-        if one
+        f"{name} {np.median(item):.1f}, {np.quantile(item, 0.95):.1f}"
+        for name, item in (("word", word_s), ("seen", seen_s))
+        if item
     )
     return (
         f"  {attacked} of {skies[0].max_satellites:2}: {lost:3} without an equilibrium; of {DRAWS - lost} others "
@@ -370,7 +370,7 @@ def _examined(
     records: Records, offsets: Equilibrium, level: float, settings: VectorSqmSettings, rng: np.random.Generator
 ) -> tuple[list[Finding], float]:
     """Three windows, and when the attack begins in the second."""
-    detector, state, said = VectorSqm(settings), None, []
+    detector, state, findings = VectorSqm(settings), None, []
     n, looks = offsets.code_chips.size, round(WINDOW_S / LOOK_S)
     amplitude = prompt_amplitude(level, coherent_s=LOOKED_S)
     onset = looks + int(rng.integers(looks))
@@ -386,8 +386,8 @@ def _examined(
             value=value[k * looks : (k + 1) * looks, :, None, :].astype(np.complex64),
         )
         evidence, state = detector.examine(replace(records, vector_taps=(taps,)), state)
-        said += evidence
-    return said, onset * LOOK_S
+        findings += evidence
+    return findings, onset * LOOK_S
 
 
 if __name__ == "__main__":

@@ -39,10 +39,10 @@ def report(count: int = SCENES) -> Iterator[str]:
         rng = np.random.default_rng([5, number])
         scene, false = _scene(rng, number % 3)
         said = _said(scene)
-        failed = [one for one in said if one.failed]
-        named = [one for one in failed if one.data["sets"] == 1 and one.data["set_size"]]
-        wrong = sum(_names(one) - set(false) != set() for one in named)
-        right = sum(_names(one) == set(false) for one in named)
+        failed = [item for item in said if item.failed]
+        named = [item for item in failed if item.data["sets"] == 1 and item.data["set_size"]]
+        wrong = sum(_names(item) - set(false) != set() for item in named)
+        right = sum(_names(item) == set(false) for item in named)
         yield f"  {number}: {' '.join(false) or 'none':<8} {len(failed)} of {len(said)}, {right} right, {wrong} wrong"
         if false:
             for key, value in (("windows", len(said)), ("alarms", len(failed)), ("right", right), ("wrong", wrong)):
@@ -66,8 +66,8 @@ def ready() -> Iterator[str]:
         said = _said(short, READY_WINDOW_S, READY_FROM_S)
         p_values = [evidence.p_value for evidence in said if evidence.p_value is not None]
         words = Counter(_describe(finding) for finding in said)
-        shown = "; ".join(f"{number} x {text}" for text, number in words.items())
-        yield f"  {name}: {sum(each.failed for each in said)} of {len(said)}, p at most {max(p_values):.2g}; {shown}"
+        result = "; ".join(f"{number} x {text}" for text, number in words.items())
+        yield f"  {name}: {sum(each.failed for each in said)} of {len(said)}, p at most {max(p_values):.2g}; {result}"
 
 
 def _names(finding: Finding) -> set[str]:
@@ -87,7 +87,7 @@ def _scene(rng: np.random.Generator, attacked: int) -> tuple[Scenario, tuple[str
     assert scene.sky.directions is not None
     more = tuple(SatelliteDirection(sat=sat, az_deg=az, el_deg=el) for sat, az, el in FURTHER)
     everywhere = (*scene.sky.directions, *more)
-    sats = tuple(one.sat for one in everywhere)
+    sats = tuple(item.sat for item in everywhere)
     level = float(rng.uniform(40.0, 50.0))
     false = tuple(sorted(str(sat) for sat in rng.permutation(sats)[:attacked]))
     sky = scene.sky.model_copy(
@@ -127,12 +127,14 @@ def _said(scene: Scenario, window_s: float = WINDOW_S, settled_s: float = SETTLE
     windows = windows_of(
         [reception.observations], navigation, Settings(window_s=window_s), vector_taps=[reception.vector_taps]
     )
-    detector, state, said = VectorSqm(VectorSqmSettings(false_alarm_probability=1e-4)), None, []
+    detector, state, findings = VectorSqm(VectorSqmSettings(false_alarm_probability=1e-4)), None, []
     for records in windows:
         evidence, state = detector.examine(records, state)
         looks = records.vector_taps[0].elapsed_s
-        said += [one for one in evidence if one.p_value is not None and looks.size and looks[0] > settled_s - 0.1]
-    return said
+        findings += [
+            item for item in evidence if item.p_value is not None and looks.size and looks[0] > settled_s - 0.1
+        ]
+    return findings
 
 
 if __name__ == "__main__":

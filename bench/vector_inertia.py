@@ -132,8 +132,8 @@ def report() -> Iterator[str]:
     unit = unit_of(way)
     yield f"all satellites blocked under 2 g, {len(SEEDS)} noises: filter off by at most, signals found anew"
     for blocked_s in (2.0, 5.0, 10.0):
-        for name, one in (("without", None), ("with", unit)):
-            found = [passage(way, one, blocked_s, seed) for seed in SEEDS]
+        for name, item in (("without", None), ("with", unit)):
+            found = [passage(way, item, blocked_s, seed) for seed in SEEDS]
             off_m, anew = max(each.off_m for each in found), sum(each.anew for each in found)
             yield f"  {blocked_s:4.0f} s, {name:<7} a unit: {off_m:6.1f} m, {anew} anew"
     for wrong_deg in (5.0, 30.0, 180.0):

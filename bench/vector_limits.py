@@ -143,18 +143,18 @@ def _lock() -> Iterator[str]:
             code, carrier, lost, last = [], [], [], []
             for seed in range(SEEDS):
                 found = _followed(samples, _weaker(planes, seed, _fall), navigation, tracking)
-                code_chips, hz = (one[:, on] for one in _apart(found, reference))
+                code_chips, hz = (item[:, on] for item in _apart(found, reference))
                 code.append(np.nan_to_num(code_chips, nan=LOST_CHIPS))
                 carrier.append(np.nan_to_num(hz, nan=LOST_HZ))
                 good = (np.abs(code_chips) < LOST_CHIPS) & (np.abs(hz) < LOST_HZ)
-                lost += [level[np.flatnonzero(one)[-1]] for one in good.T]
-                last += [level[np.flatnonzero(one)[-1]] for one in found.measured[:, on].T > 0.0]
+                lost += [level[np.flatnonzero(item)[-1]] for item in good.T]
+                last += [level[np.flatnonzero(item)[-1]] for item in found.measured[:, on].T > 0.0]
             yield (
                 f"  {on.sum():2} satellites, {tracking}: off for good at {np.mean(lost):.1f} dB-Hz (first "
                 f"{max(lost):.1f}, last {min(lost):.1f}); measured down to {np.mean(last):.1f}"
             )
             bands = [(level > low) & (level <= low + 3.0) & (reference.at_s > FROM_S) for low in BANDS_DBHZ]
-            chips, hz_rms = ([np.sqrt(np.mean(np.square(one)[:, band])) for band in bands] for one in (code, carrier))
+            chips, hz_rms = ([np.sqrt(np.mean(np.square(item)[:, band])) for band in bands] for item in (code, carrier))
             cells = zip(BANDS_DBHZ, chips, hz_rms, strict=True)
             yield "     " + ", ".join(f"{low + 1.5:.1f}: {293.05 * x:.1f} m {f:.2f} Hz" for low, x, f in cells)
 
@@ -234,11 +234,11 @@ def _without(
     blocked_s: float,
 ) -> Floats:
     gone = slice(round(FROM_S * samples.rate_hz), round((FROM_S + blocked_s) * samples.rate_hz))
-    held, left = planes.copy(), tuple(sat for sat in sats if sat not in blocked)
-    if left:
-        sky = scene.sky.model_copy(update={"sats": left})
-        others = render_samples(scene.model_copy(update={"sky": sky}), navigation)[0]
-        held[:, gone] = others.read(gone.start, gone.stop - gone.start)
+    held, remaining = planes.copy(), tuple(sat for sat in sats if sat not in blocked)
+    if remaining:
+        sky = scene.sky.model_copy(update={"sats": remaining})
+        rest = render_samples(scene.model_copy(update={"sky": sky}), navigation)[0]
+        held[:, gone] = rest.read(gone.start, gone.stop - gone.start)
     else:
         held[:, gone] = np.random.default_rng(0).normal(0.0, planes.std(), (2, gone.stop - gone.start))
     return held
@@ -261,7 +261,7 @@ def _steps() -> Iterator[str]:
                 for seed in range(SEEDS):
                     weaker = _weaker(planes, seed, lambda t_s, to=level: np.where(t_s < FROM_S, 0.0, LEVEL_DBHZ - to))
                     found = _followed(samples, weaker, navigation, tracking)
-                    code_chips, hz = (one[rows][:, on] for one in _apart(found, reference))
+                    code_chips, hz = (item[rows][:, on] for item in _apart(found, reference))
                     good = (np.abs(code_chips[-1]) < LOST_CHIPS) & (np.abs(hz[-1]) < LOST_HZ)
                     held += good.tolist()
                     worst += np.nanmax(np.abs(code_chips[:, good]), axis=0).tolist()

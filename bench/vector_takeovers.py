@@ -85,17 +85,17 @@ def _row(tracker: Tracker, navigation: NavigationData, scene: Scenario, led_m: f
         [o],
         navigation,
         Settings(window_s=WINDOW_S),
-        taps=[one for one in (reception.taps,) if one is not None],
-        vector_taps=[one for one in (reception.vector_taps,) if one is not None],
+        taps=[item for item in (reception.taps,) if item is not None],
+        vector_taps=[item for item in (reception.vector_taps,) if item is not None],
     )
     words, state = {"sqm": list[float](), "vector_sqm": list[float]()}, None
     for records in windows:
         end_s = float(records.observations[0].elapsed_s[-1])
-        said, state = VectorSqm().examine(records, state)
-        said = [*said, *Sqm().examine(records)[0]]
-        for one in said:
-            if (one.failed or one.says == "attack") and end_s > ONSET_S:
-                words[one.detector].append(end_s)
+        findings, state = VectorSqm().examine(records, state)
+        findings = [*findings, *Sqm().examine(records)[0]]
+        for item in findings:
+            if (item.failed or item.says == "attack") and end_s > ONSET_S:
+                words[item.detector].append(end_s)
     names = ", ".join(f"{name} {len(at_s)} (first {min(at_s, default=np.nan):.0f} s)" for name, at_s in words.items())
     return (
         f"{last:.0f} m off at the end, led by {led_m:g} m; {failed} fixes fail; {pulled} pulled away; {second}; {names}"

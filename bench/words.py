@@ -52,7 +52,7 @@ def row_of(name: str) -> Row:
         words[equipment] = outcome.decision.verdict
         by[equipment] = sorted({e.detector for e in outcome.evidence if e.failed})
         each = [of_receiver(made, h, r) for h, r in pairs_of(used, outcome)]
-        captured[equipment] = any(one["captured_s"] >= FOLLOWED_S for one in each)
+        captured[equipment] = any(item["captured_s"] >= FOLLOWED_S for item in each)
     how = None if drawn.attack is None else _how(drawn.attack.onset_s, float(np.linalg.norm(drawn.attack.away_enu_m)))
     return {"name": name, "words": words, "captured": captured, "failed": by, "how": how}
 
@@ -103,9 +103,9 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
     yield f"|---|---|---{'|---' * len(WORDS)}|---|"
     for equipment in EQUIPMENT:
         for group in GROUPS:
-            own = [row for row in rows if equipment in row["words"] and group in _groups(row, equipment)]
-            if own:
-                yield f"| {equipment} | {group} | {_cells(own, equipment)} |"
+            matching = [row for row in rows if equipment in row["words"] and group in _groups(row, equipment)]
+            if matching:
+                yield f"| {equipment} | {group} | {_cells(matching, equipment)} |"
 
 
 def _groups(row: Mapping[str, Any], equipment: str) -> tuple[str, ...]:

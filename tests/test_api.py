@@ -93,9 +93,9 @@ def test_a_name_is_a_function_that_is_documented_whole(name: str) -> None:
 def test_a_name_has_an_example_that_calls_it_as_it_may_be_called(name: str) -> None:
     code = "\n".join(line.strip() for line in re.findall(r"^    +.*\bsp\.\w+\(.*", sp.__doc__ or "", re.MULTILINE))
     reported = inspect.getdoc(getattr(sp, name)) or ""
-    own = [line.strip() for line in reported.splitlines() if f"sp.{name}(" in line]
-    assert own
-    calls = [node for node in ast.walk(ast.parse("\n".join([code, *own]))) if isinstance(node, ast.Call)]
+    matching = [line.strip() for line in reported.splitlines() if f"sp.{name}(" in line]
+    assert matching
+    calls = [node for node in ast.walk(ast.parse("\n".join([code, *matching]))) if isinstance(node, ast.Call)]
     mine = [call for call in calls if isinstance(call.func, ast.Attribute) and call.func.attr == name]
     assert len(mine) >= 2
     for call in mine:

@@ -59,9 +59,9 @@ def test_what_is_cited_is_what_is_installed() -> None:
         assert line in cited
     (author,) = project["authors"]
     assert f"  - name: {author['name']}" in cited
-    versions = [one.rpartition(" :: ")[2] for one in project["classifiers"] if ":: Python :: 3." in one]
+    versions = [item.rpartition(" :: ")[2] for item in project["classifiers"] if ":: Python :: 3." in item]
     assert f">={versions[0]}" == project["requires-python"]
-    assert sys.version_info[:2] in [tuple(map(int, one.split("."))) for one in versions]
+    assert sys.version_info[:2] in [tuple(map(int, item.split("."))) for item in versions]
 
 
 @pytest.mark.parametrize("page", [ROOT / "README.md", DOCS / "start.md"], ids=lambda page: page.name)
@@ -193,14 +193,14 @@ def test_every_mark_of_a_page_names_what_there_is(tables: ModuleType) -> None:
     pages = [page for page in GUIDE if page.is_relative_to(DOCS)]
     marks = [mark for page in pages for mark in re.findall(r"<!-- (\w+): (.*?) -->", text_of(page))]
     untold = []
-    for word, what in marks:
+    for word, kind in marks:
         if word == "keys":
-            lines = tables.keys(what).splitlines()[2:]
-            untold += [f"{what}: {line}" for line in lines if line.endswith(("|  |", "| . |"))]
+            lines = tables.keys(kind).splitlines()[2:]
+            untold += [f"{kind}: {line}" for line in lines if line.endswith(("|  |", "| . |"))]
         elif word == "figure":
-            assert studies()[what.split()[0]].charts, f"{what} draws nothing"
+            assert studies()[kind.split()[0]].charts, f"{kind} draws nothing"
         elif word == "chart":
-            assert len(what.split("|")) >= 3, what
+            assert len(kind.split("|")) >= 3, kind
     assert {word for word, _ in marks} <= {"chart", "keys", "figure", "output", "root", "notebook"}
     assert untold == []
 

@@ -140,7 +140,7 @@ def test_no_two_public_classes_share_a_name():
         for name in re.findall(r"^class ([A-Za-z]\w*)", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
     ]
     counts = Counter(name for name, _ in found)
-    assert [one for one in found if counts[one[0]] > 1] == []
+    assert [item for item in found if counts[item[0]] > 1] == []
 
 
 @pytest.mark.parametrize("folder", ["bench", "interop"])
@@ -152,7 +152,7 @@ def test_what_is_imported_beside_the_package_exists(folder):
         if isinstance(node, ast.ImportFrom) and node.module is not None and node.module.startswith("skyproof")
         for alias in node.names
     }
-    assert [one for one in sorted(imported) if not _is_there(*one)] == []
+    assert [item for item in sorted(imported) if not _is_there(*item)] == []
 
 
 def _is_there(module: str, name: str) -> bool:

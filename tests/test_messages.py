@@ -218,8 +218,8 @@ def test_samples_in_the_place_of_metadata_are_refused(tmp_path: Path, monkeypatc
 def test_an_archive_that_is_cut_before_its_samples_is_refused(tmp_path: Path) -> None:
     path = sigmf_files(tmp_path, bytes(range(256)) * 8, [{"core:sample_start": 0}])
     with tarfile.open(tmp_path / "rec.sigmf", "w") as tar:
-        for one in (path, path.with_suffix(".sigmf-data")):
-            tar.add(one, f"rec/{one.name}")
+        for item in (path, path.with_suffix(".sigmf-data")):
+            tar.add(item, f"rec/{item.name}")
     with tarfile.open(tmp_path / "rec.sigmf") as tar:
         begin = tar.getmember("rec/rec.sigmf-data").offset_data
     whole = (tmp_path / "rec.sigmf").read_bytes()

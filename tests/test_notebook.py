@@ -47,7 +47,7 @@ def test_the_tutorial_runs_and_writes_the_listed_columns(
     names: dict[str, Any] = {"__name__": "__main__"}
     for count, cell in enumerate((cell for cell in cells() if cell["cell_type"] == "code"), 1):
         outputs = runs.run_cell("".join(cell["source"]), names, count)
-        assert [_printed(one) for one in outputs] == [_printed(one) for one in cell["outputs"]], f"cell {count}"
+        assert [_printed(item) for item in outputs] == [_printed(item) for item in cell["outputs"]], f"cell {count}"
     assert names["verdict"].verdict == "spoofed"
     assert abs(names["east_m"]) < 5 * names["fix"].sigma_east_m
     assert abs(names["north_m"]) < 5 * names["fix"].sigma_north_m

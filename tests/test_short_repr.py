@@ -22,11 +22,11 @@ OBSERVATIONS = WINDOW.observations[0]
 def test_every_record_that_holds_arrays_is_shown_short():
     """By its type: a new record that forgets it is seen here, before a notebook prints hundreds of lines."""
     classes = [
-        one
-        for _, one in inspect.getmembers(records, dataclasses.is_dataclass)
-        if one.__module__.startswith("skyproof.records.")
+        item
+        for _, item in inspect.getmembers(records, dataclasses.is_dataclass)
+        if item.__module__.startswith("skyproof.records.")
     ]
-    plain = {one.__name__ for one in classes if one.__repr__ is not ShortRepr.__repr__}
+    plain = {item.__name__ for item in classes if item.__repr__ is not ShortRepr.__repr__}
     assert plain == {
         "Asked",
         "CcafAsked",

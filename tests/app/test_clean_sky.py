@@ -134,8 +134,8 @@ def test_grids_of_clean_samples_raise_no_alarm(kind):
         else:
             scenario = scenario.model_copy(update={"front_end": FRONT_ENDS[kind]})
         outcome = protect_in_memory(scenario)
-        said = [e for e in outcome.evidence if e.detector == "dccaf"]
-        assert {e.says for e in said} <= {"clean", "undecided"}
-        p_values += [e.p_value for e in said if e.p_value is not None]
+        findings = [e for e in outcome.evidence if e.detector == "dccaf"]
+        assert {e.says for e in findings} <= {"clean", "undecided"}
+        p_values += [e.p_value for e in findings if e.p_value is not None]
     assert len(p_values) >= 6
     assert min(p_values) > 0.01

@@ -56,11 +56,11 @@ class Truth:
         """What each pseudorange is: "authentic" or "spoofed" if it is within 100 m of that signal's alone, else ""."""
         near = {}
         for label in ("authentic", "spoofed"):
-            own = (self.table["receiver"] == receiver) & (self.table["prn"] == str(int(sat[1:])))
-            own &= self.table["label"] == label
-            known_s, counted_s = self.table["tow_s"][own] - EPOCH_TOW_S, self.table["receiver_elapsed_s"][own]
+            selected = (self.table["receiver"] == receiver) & (self.table["prn"] == str(int(sat[1:])))
+            selected &= self.table["label"] == label
+            known_s, counted_s = self.table["tow_s"][selected] - EPOCH_TOW_S, self.table["receiver_elapsed_s"][selected]
             true_s = make_interp_spline(counted_s, known_s, k=1)(elapsed_s)  # goes on straight for the last second
-            delay_s = make_interp_spline(known_s, self.table["code_delay_s"][own], k=1)(true_s)
+            delay_s = make_interp_spline(known_s, self.table["code_delay_s"][selected], k=1)(true_s)
             near[label] = np.abs(range_m - LIGHT_M_S * (delay_s + ((gpst - EPOCH) / SECOND - true_s))) < 100.0
         usable = near["authentic"] & near["spoofed"]
         return np.where(usable, "", np.where(near["authentic"], "authentic", np.where(near["spoofed"], "spoofed", "")))
@@ -95,10 +95,12 @@ class Run:
             start = np.datetime64(receiver.start_gpst, "ns")
             begun_s = (start - EPOCH) / SECOND
             for sat in self.truth.sats:
-                own = (cells["receiver"] == receiver.name) & (cells["sat"] == sat)
-                gpst = cells["receiver_clock"][own]
+                selected = (cells["receiver"] == receiver.name) & (cells["sat"] == sat)
+                gpst = cells["receiver_clock"][selected]
                 elapsed_s = (gpst - start) / SECOND + round(begun_s)  # of the whole recording
-                cells["true"][own] = self.truth.labels(receiver.name, sat, gpst, elapsed_s, cells["pseudorange_m"][own])
+                cells["true"][selected] = self.truth.labels(
+                    receiver.name, sat, gpst, elapsed_s, cells["pseudorange_m"][selected]
+                )
         return cells
 
     def trusted(self, receiver: str) -> tuple[np.ndarray, np.ndarray]:
@@ -164,8 +166,8 @@ def assert_named(run: Run, label: str, at_least: int) -> None:
         named = [
             sat
             for sat in run.truth.sats
-            if (own := (cells["receiver"] == receiver) & (cells["sat"] == sat) & (cells["true"] == label)).any()
-            and np.mean(cells["label"][own] == label) > 0.95
+            if (selected := (cells["receiver"] == receiver) & (cells["sat"] == sat) & (cells["true"] == label)).any()
+            and np.mean(cells["label"][selected] == label) > 0.95
         ]
         assert len(named) >= at_least, (receiver, sorted(named))
 
@@ -323,9 +325,9 @@ def test_rinex_observations_are_those_with_the_label(whole, kind, label):
     cells = whole.signals
     for receiver in RECEIVERS:
         written = observed(whole.folder / f"{receiver}-{kind}.obs")
-        own = (cells["receiver"] == receiver) & (cells["label"] == label)
-        clock = cells["receiver_clock"][own].astype("datetime64[us]")
-        chosen = (clock.tolist(), cells["sat"][own], cells["pseudorange_m"][own])
+        selected = (cells["receiver"] == receiver) & (cells["label"] == label)
+        clock = cells["receiver_clock"][selected].astype("datetime64[us]")
+        chosen = (clock.tolist(), cells["sat"][selected], cells["pseudorange_m"][selected])
         expected = {(gpst, sat): range_m for gpst, sat, range_m in zip(*chosen, strict=True)}
         assert written.keys() == expected.keys()
         assert max(abs(written[cell] - expected[cell]) for cell in written) < 0.001
@@ -447,9 +449,9 @@ def test_one_receiver_sees_two_skies_and_leaves_them_open(protected, nav):
         source = min(run.verdict.sources, key=lambda source: distance_m(source.shows, place_ecef_m))
         assert distance_m(source.shows, place_ecef_m) < 10.0
         assert source.time_offset_s == pytest.approx(late_s, abs=3e-8)
-        own = [s for s in run.verdict.signals if s.source == source.name]
-        assert {s.sat for s in own} == set(source.sats)
-        assert len(own) >= 10
-        for s in own:
+        matching = [s for s in run.verdict.signals if s.source == source.name]
+        assert {s.sat for s in matching} == set(source.sats)
+        assert len(matching) >= 10
+        for s in matching:
             mine = (cells["sat"] == s.sat) & (cells["copy"] == s.copy)
             assert np.mean(cells["true"][mine] == label) > 0.95

@@ -67,8 +67,8 @@ def assert_not_authentic(judged) -> None:
 
 @pytest.mark.parametrize(("receivers", "duration_s"), [(2, 34.0), (3, 16.0)])
 def test_a_clean_sky_is_authentic(tmp_path, receivers, duration_s):
-    given = {"antenna_distance_m": kit.DISTANCE_M} if receivers == 2 else {"antennas_enu_m": kit.ENU_M}
-    judged = kit.protected(kit.scenario_of(receivers=receivers, duration_s=duration_s), tmp_path, **given)
+    arguments = {"antenna_distance_m": kit.DISTANCE_M} if receivers == 2 else {"antennas_enu_m": kit.ENU_M}
+    judged = kit.protected(kit.scenario_of(receivers=receivers, duration_s=duration_s), tmp_path, **arguments)
     assert judged.verdict.verdict == "authentic"
     assert judged.false_labels() == []
     assert {s.label for s in judged.verdict.signals} == {"authentic"}

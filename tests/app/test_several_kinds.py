@@ -198,10 +198,10 @@ def test_what_one_kind_steps_by_leaves_the_others_as_they_were(clean):
         navigation=navigation,
         sets=find_consistent_sets(o, navigation),
     )
-    said, _ = Continuity(ContinuitySettings(false_alarm_probability=1e-6)).examine(records)
-    broken = [e for e in said if e.overrules]
+    findings, _ = Continuity(ContinuitySettings(false_alarm_probability=1e-6)).examine(records)
+    broken = [e for e in findings if e.overrules]
     assert {ref.signal.sat[0] for e in broken for ref in e.signals} == {"G"}
-    assert {ref.signal.sat[0] for e in said if e.says == "clean" for ref in e.signals} >= {"E"}
+    assert {ref.signal.sat[0] for e in findings if e.says == "clean" for ref in e.signals} >= {"E"}
 
 
 def test_a_fix_goes_over_to_the_band_that_is_left():
@@ -246,9 +246,9 @@ ONE_FALSE = [
 @pytest.mark.parametrize(("kinds", "false"), ONE_FALSE)
 def test_one_receiver_sees_kinds_disagree_and_names_none(kinds, false):
     evidence, decision = attacked(kinds, false, receivers=1)
-    (said, *_) = [e for e in evidence if e.detector == "residual"]
-    assert said.says == "attack"
-    assert said.p_value < 1e-9
+    (finding, *_) = [e for e in evidence if e.detector == "residual"]
+    assert finding.says == "attack"
+    assert finding.p_value < 1e-9
     assert decision.verdict == "spoofed"
     assert {s.label for s in decision.labels} == {"unknown"}
     assert len(decision.skies) == 2

@@ -52,8 +52,8 @@ def removal(cluster: Any, out: Path, after: int) -> Iterator[list[int]]:
 
 def done(folder: Path, fakes: list[Fake], runner: Any) -> dict[str, str]:
     with Store(folder) as store, runner as doing:
-        errors, left = run([item(fake) for fake in fakes], fake_work, store, doing)
-    assert not left
+        errors, remaining = run([item(fake) for fake in fakes], fake_work, store, doing)
+    assert not remaining
     return errors
 
 

@@ -23,8 +23,8 @@ def done(
     """Errors, and how many items were said to have ended, from first to last."""
     reported: list[int] = []
     with Store(folder) as store, Processes(workers) as processes:
-        errors, left = run(items, work, store, processes, report=reported.append)
-    assert not left
+        errors, remaining = run(items, work, store, processes, report=reported.append)
+    assert not remaining
     return errors, reported
 
 

@@ -59,7 +59,7 @@ def test_the_word_stands_first(app: App, capsys: pytest.CaptureFixture[str], wor
     out = capsys.readouterr().out
     lines = out.splitlines()
     assert lines[0] == first
-    advice = [out.index(f"\n{what}: ") for what, _ in what_now(app.verdict)]
+    advice = [out.index(f"\n{kind}: ") for kind, _ in what_now(app.verdict)]
     assert advice == sorted(advice)
     assert advice[-1] < out.index(app.verdict.summary[:20])
     assert out.count(app.verdict.remedy or "none") == 1

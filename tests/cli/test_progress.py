@@ -70,19 +70,19 @@ def test_a_terminal_bar_shows_the_remaining_time_and_vanishes() -> None:
         [sys.executable, "-c", WORKING], stdout=subprocess.PIPE, stderr=terminal, text=True, env=environment
     )
     os.close(terminal)
-    shown = b""
+    output = b""
     with contextlib.suppress(OSError):  # raised at its end
         while piece := os.read(screen, 4096):
-            shown += piece
+            output += piece
     os.close(screen)
     out, _ = process.communicate(timeout=60)
     assert out == "the result\n"
     assert process.returncode == 0
-    text = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode())
+    text = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", output.decode())
     assert re.search(r"a-name-longer-than.*… ━.*\d+% 0:00:0\d left", text)
     assert "7 so far, 0:00:00" in text
     assert max(len(line) for line in re.split(r"[\r\n]+", text)) <= 80
-    assert shown.rstrip().endswith((b"\x1b[2K", b"\x1b[?25h"))
+    assert output.rstrip().endswith((b"\x1b[2K", b"\x1b[?25h"))
 
 
 @pytest.mark.parametrize("colours", [{}, {"FORCE_COLOR": "1"}], ids=["plain", "colours-forced"])

@@ -65,7 +65,7 @@ def test_the_studies_are_listed_with_paper_and_figure(app: App, capsys: pytest.C
     assert all(words in out for words in ("Someone 2022", "multi-receiver.false-alarm", "Figure 1"))
     assert cli.main(["study", "--list", "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)["studies"]
-    assert [one["study"] for one in listed] == ["multi-receiver.false-alarm", "spin.roc"]
+    assert [item["study"] for item in listed] == ["multi-receiver.false-alarm", "spin.roc"]
     assert not app.calls
 
 

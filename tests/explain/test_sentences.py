@@ -77,7 +77,9 @@ def codes_in(path):
         place = {"NotTested": 0, "find": 1}.get(name)
         given = [word.value for word in node.keywords if word.arg == "code" and name == "Finding"]
         given += node.args[place : place + 1] if place is not None else []
-        parts = [part for one in given for part in ((one.body, one.orelse) if isinstance(one, ast.IfExp) else (one,))]
+        parts = [
+            part for item in given for part in ((item.body, item.orelse) if isinstance(item, ast.IfExp) else (item,))
+        ]
         found |= {part.value for part in parts if isinstance(part, ast.Constant) and isinstance(part.value, str)}
     return found
 

@@ -208,7 +208,7 @@ def test_the_gravest_remarks_are_never_among_the_others():
     cut = Remark("cut", RemarkKind.CUT)
     kept = limit_remarks([*notes, *bearing, *notes, cut], "more")
     assert kept[0] == cut
-    assert [Remark.kind_of(one) for one in kept] == [2] + (REMARKS + 1) * [1] + (REMARKS + 1) * [0]
+    assert [Remark.kind_of(item) for item in kept] == [2] + (REMARKS + 1) * [1] + (REMARKS + 1) * [0]
     assert kept[REMARKS + 1] == kept[-1] == "20 more"
 
 

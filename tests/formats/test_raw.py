@@ -107,13 +107,13 @@ def test_channels_of_one_file_are_what_files_of_their_own_are(tmp_path, encoding
     woven = np.array(of_each).reshape(n_channels, -1, 2).swapaxes(0, 1).ravel().tolist()
     together = layout.model_copy(update={"channels": n_channels})
     opened = open_raw_channels(write(tmp_path, together, packed(woven, together), "all"))
-    assert [one.name for one in opened] == [f"all-{k + 1}" for k in range(n_channels)]
-    assert [one.antenna for one in opened] == [f"1-{k + 1}" for k in range(n_channels)]
-    for one, values in zip(opened, of_each, strict=True):
+    assert [item.name for item in opened] == [f"all-{k + 1}" for k in range(n_channels)]
+    assert [item.antenna for item in opened] == [f"1-{k + 1}" for k in range(n_channels)]
+    for item, values in zip(opened, of_each, strict=True):
         alone = open_raw(write(tmp_path, layout, packed(values, layout), "alone"))
-        assert (one.n_samples, one.rate_hz, one.start_gpst) == (4000, 2.6e6, alone.start_gpst)
-        assert np.array_equal(one.read(0, 4000), alone.read(0, 4000))
-        assert np.array_equal(one.read(1234, 567), alone.read(1234, 567))
+        assert (item.n_samples, item.rate_hz, item.start_gpst) == (4000, 2.6e6, alone.start_gpst)
+        assert np.array_equal(item.read(0, 4000), alone.read(0, 4000))
+        assert np.array_equal(item.read(1234, 567), alone.read(1234, 567))
 
 
 def draw(encoding, bits, rng):

@@ -601,9 +601,9 @@ def test_every_record_of_a_real_file_is_read_and_written(shared_data, tmp_path, 
 def test_no_other_real_file_passes_for_a_navigation_file(shared_data):
     known = {*REAL}
     files = [path for path in sorted((shared_data / "real").rglob("*")) if path.is_file() and path.stat().st_size < 3e6]
-    others = [path for path in files if str(path.relative_to(shared_data)) not in known]
-    assert len(others) > 30
-    for path in others:
+    rest = [path for path in files if str(path.relative_to(shared_data)) not in known]
+    assert len(rest) > 30
+    for path in rest:
         with pytest.raises(InputError, match=re.escape(str(path))):
             read_nav(path)
 

@@ -168,9 +168,9 @@ def test_a_failed_test_that_overrules_is_the_first_reason(invented, pair):
 
 
 def test_only_the_reason_of_most_windows_is_given(invented, pair):
-    said = [invented.evidence(w, "undecided", *SKY, p_value=0.5, code="near", null="one antenna") for w in range(3)]
-    said.append(invented.evidence(3, "undecided", *SKY, p_value=0.5, code="few", null="one antenna"))
-    assert fuse(said, pair, []).open.finding is said[2]
+    findings = [invented.evidence(w, "undecided", *SKY, p_value=0.5, code="near", null="one antenna") for w in range(3)]
+    findings.append(invented.evidence(3, "undecided", *SKY, p_value=0.5, code="few", null="one antenna"))
+    assert fuse(findings, pair, []).open.finding is findings[2]
 
 
 def test_a_missing_test_is_no_reason_beside_one_that_ran(invented, pair):
@@ -184,10 +184,10 @@ def test_a_missing_test_is_no_reason_beside_one_that_ran(invented, pair):
 
 
 def test_a_test_that_fails_in_one_window_makes_the_run_suspect(invented, pair):
-    said = [invented.evidence(w, "clean", *SKY, receivers=BOTH, p_value=0.4) for w in range(4)]
-    assert fuse(said, pair, []).verdict == "no_attack_seen"
+    findings = [invented.evidence(w, "clean", *SKY, receivers=BOTH, p_value=0.4) for w in range(4)]
+    assert fuse(findings, pair, []).verdict == "no_attack_seen"
     failed = invented.evidence(2, "undecided", *SKY, detector="two", may_also_be=("oscillator",))
-    decision = fuse([*said, failed], pair, [])
+    decision = fuse([*findings, failed], pair, [])
     assert decision.verdict == "suspect"
     found = decision.suspicion
     assert (found.receivers, found.finding) == (("rx1",), failed)

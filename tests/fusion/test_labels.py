@@ -11,10 +11,10 @@ ALL = ("G05a", "G07a", "G10a", "G13a", "G15a")
 
 def stretches(labels, name="G05a", receiver="rx1"):
     """(label, first epoch, last epoch) of one signal's life, which must be without gap or overlap."""
-    own = [s for s in labels if str(s.ref) == f"{receiver}:{name[:3]} L1 CA {name[3:]}"]
-    for before, after in pairwise(own):
+    matching = [s for s in labels if str(s.ref) == f"{receiver}:{name[:3]} L1 CA {name[3:]}"]
+    for before, after in pairwise(matching):
         assert before.last_epoch < after.first_epoch
-    return [(s.label, s.first_epoch, s.last_epoch) for s in own]
+    return [(s.label, s.first_epoch, s.last_epoch) for s in matching]
 
 
 def test_nothing_is_labelled_without_evidence(invented):
@@ -83,9 +83,11 @@ def test_spoofed_holds_as_long_as_the_signal_is_tracked(invented):
 
 
 def test_a_signal_just_before_its_window_is_spoofed_throughout(invented):
-    said = [invented.evidence(2, "spoofed", "G05a")]
-    assert stretches(label_signals(said, [invented.observations(there={"G05a": (16, 39)})])) == [("spoofed", 16, 39)]
-    longer = label_signals(said, [invented.observations(there={"G05a": (14, 39)})])
+    findings = [invented.evidence(2, "spoofed", "G05a")]
+    assert stretches(label_signals(findings, [invented.observations(there={"G05a": (16, 39)})])) == [
+        ("spoofed", 16, 39)
+    ]
+    longer = label_signals(findings, [invented.observations(there={"G05a": (14, 39)})])
     assert stretches(longer) == [("unknown", 14, 19), ("spoofed", 20, 39)]
 
 

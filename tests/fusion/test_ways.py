@@ -65,13 +65,13 @@ def test_tests_that_cannot_reject_do_not_blind_the_tangents():
 
 
 def test_a_rejected_antenna_is_no_test_of_the_sky(invented):
-    said = [
+    findings = [
         invented.evidence(0, "undecided", detector="multi_receiver", p_value=1e-30, null="one antenna"),
         invented.evidence(0, "spoofed", detector="multi_receiver", p_value=1e-9),
         invented.evidence(0, "undecided", detector="residual", p_value=1e-12),
         invented.evidence(0, "clean", detector="second_signals", p_value=0.3),
     ]
-    (window,) = fused.tests_of(said)
+    (window,) = fused.tests_of(findings)
     assert sorted(window) == [
         ("multi_receiver", 1e-9, True),
         ("residual", 1e-12, False),

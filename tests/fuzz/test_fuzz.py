@@ -22,11 +22,11 @@ def fuzzed(inputs: int, seed: int) -> int:
     found = json.loads(run.stdout)
     faults = {
         f"{name}, seed {seed}, input {numbers[0]}": fault
-        for name, one in found.items()
-        for fault, numbers in one["faults"].items()
+        for name, value in found.items()
+        for fault, numbers in value["faults"].items()
     }
     assert faults == {}
-    return sum(one["inputs"] for one in found.values())
+    return sum(value["inputs"] for value in found.values())
 
 
 @pytest.mark.parametrize("name", READERS)

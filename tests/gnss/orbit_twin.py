@@ -148,8 +148,8 @@ def _integrated(eph, since_s):
 
     So the answer of an instant does not depend on which others are asked for. NaN more than a day from t_b.
     """
-    there = np.abs(since_s) <= _GLONASS_STEP_S * _GLONASS_MOST_STEPS
-    since_s = np.where(there, since_s, 0.0)
+    present = np.abs(since_s) <= _GLONASS_STEP_S * _GLONASS_MOST_STEPS
+    since_s = np.where(present, since_s, 0.0)
     steps = np.trunc(since_s / _GLONASS_STEP_S).astype(np.int64)
     sun_moon = np.array(eph.acceleration_m_s2)
     start = np.array((*eph.position_m, *eph.velocity_m_s))
@@ -161,12 +161,12 @@ def _integrated(eph, since_s):
     for k in range(-1, low - 1, -1):
         grid[k - low] = _runge_kutta(grid[k + 1 - low], sun_moon, np.float64(-_GLONASS_STEP_S))
     state = _runge_kutta(grid[steps - low], sun_moon, np.asarray(since_s - steps * _GLONASS_STEP_S)[..., None])
-    state = np.where(there[..., None], state, np.nan)
+    state = np.where(present[..., None], state, np.nan)
     return SatelliteState(
         position_ecef_m=state[..., :3],
         velocity_ecef_m_s=state[..., 3:],
-        clock_s=np.where(there, eph.gamma_n * since_s - eph.tau_n, np.nan),
-        clock_drift=np.where(there, eph.gamma_n, np.nan),
+        clock_s=np.where(present, eph.gamma_n * since_s - eph.tau_n, np.nan),
+        clock_drift=np.where(present, eph.gamma_n, np.nan),
     )
 
 

@@ -60,8 +60,8 @@ def test_codes_are_gold_codes():
     own = products[np.arange(32), np.arange(32)]
     assert set(own[:, 0]) == {1023}
     assert set(own[:, 1:].ravel()) == {-65, -1, 63}
-    others = products[~np.eye(32, dtype=bool)]
-    assert set(others.ravel()) == {-65, -1, 63}
+    rest = products[~np.eye(32, dtype=bool)]
+    assert set(rest.ravel()) == {-65, -1, 63}
 
 
 def test_a_code_is_made_once_and_read_only():

@@ -24,8 +24,8 @@ def minutes(value):
 def seconds(value):
     degrees = np.floor(abs(value))
     whole = np.floor(60.0 * (abs(value) - degrees))
-    left = 3600.0 * (abs(value) - degrees) - 60.0 * whole
-    return np.copysign(degrees + whole / 100.0 + left / 10000.0, value)
+    remaining = 3600.0 * (abs(value) - degrees) - 60.0 * whole
+    return np.copysign(degrees + whole / 100.0 + remaining / 10000.0, value)
 
 
 MISTAKES = {

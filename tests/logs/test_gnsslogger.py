@@ -258,8 +258,13 @@ def test_carriers_are_those_whose_state_is_valid() -> None:
 
 
 def test_no_carrier_goes_on_over_a_stop_of_the_clock() -> None:
-    given = {"adr_state": 9, "adr_m": 5.0}
-    o = observed(*sky(0.0, **given), *sky(1.0, **given), *sky(2.0, breaks=1, **given), *sky(3.0, breaks=1, **given))
+    arguments = {"adr_state": 9, "adr_m": 5.0}
+    o = observed(
+        *sky(0.0, **arguments),
+        *sky(1.0, **arguments),
+        *sky(2.0, breaks=1, **arguments),
+        *sky(3.0, breaks=1, **arguments),
+    )
     assert o.slipped.all(axis=1).tolist() == [False, False, True, False]
     assert not o.slipped[[0, 1, 3]].any()
 

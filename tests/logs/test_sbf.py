@@ -235,8 +235,8 @@ def test_real_pages_give_orbits_that_go_on(shared_data, name) -> None:
     assert len({e.sat for e in orbits}) >= 6
     compared = 0
     for sat in {e.sat for e in orbits}:
-        own = sorted((e for e in orbits if e.sat == sat), key=lambda e: e.reference_gpst)
-        for a, b in pairwise(own):
+        matching = sorted((e for e in orbits if e.sat == sat), key=lambda e: e.reference_gpst)
+        for a, b in pairwise(matching):
             middle = a.reference_gpst + (b.reference_gpst - a.reference_gpst) / 2
             if b.reference_gpst - a.reference_gpst <= np.timedelta64(3600, "s"):
                 places = [compute_satellite_state(e, middle).position_ecef_m for e in (a, b)]

@@ -119,7 +119,8 @@ def test_messages_give_the_orbits(scene) -> None:
     assert {e.sat for e in found} == {s.sat for s in o.signals}
     for e in found:
         places = [
-            compute_satellite_state(one, o.gpst[-1]).position_ecef_m for one in (e, navigation.best(e.sat, o.gpst[-1]))
+            compute_satellite_state(item, o.gpst[-1]).position_ecef_m
+            for item in (e, navigation.best(e.sat, o.gpst[-1]))
         ]
         assert np.linalg.norm(places[0] - places[1]) < 0.5
     # Each subframe comes once, in the second after it has arrived.

@@ -189,8 +189,8 @@ def test_several_sets_that_fit_are_reported():
 
 def test_fewer_than_five_satellites_are_reported():
     truth = shot(np.random.default_rng(9))
-    for left in (np.arange(4), np.arange(0)):
-        assert truth.keep(left).solve(0.0, place_ecef_m=truth.place).status == 1
+    for remaining in (np.arange(4), np.arange(0)):
+        assert truth.keep(remaining).solve(0.0, place_ecef_m=truth.place).status == 1
 
 
 def test_a_satellite_without_an_ephemeris_is_not_used():

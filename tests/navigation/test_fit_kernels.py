@@ -90,13 +90,13 @@ def test_least_squares_equal_the_twins(n_clocks):
 
 def test_solutions_and_predictions_equal_the_twins(two_skies):
     ranges, copies, here = two_skies
-    choice = np.array([[own[0] for own in copies], [own[-1] for own in copies]])
+    choice = np.array([[copy[0] for copy in copies], [copy[-1] for copy in copies]])
     choice[1, 0] = -1
     start = np.tile(np.append(here, 0.0), (2, 1))
     ours, twins = (room.solve(ranges, choice, start, rounds=2) for room in (search, fit_twin))
     np.testing.assert_allclose(ours.state_m, twins.state_m, rtol=0, atol=1e-6)
     np.testing.assert_allclose(ours.statistic, twins.statistic, rtol=1e-6)
-    rows = np.array([own[0] for own in copies[:2]])
+    rows = np.array([copy[0] for copy in copies[:2]])
     mine, theirs = (
         room.compute_innovation(ranges, rows, ours.state_m, ours.covariance_m2) for room in (search, fit_twin)
     )
@@ -125,7 +125,7 @@ def test_a_signal_without_an_orbit_first_spoils_no_set(two_skies):
     satellite = np.array(ranges.satellite_ecef_m)
     satellite[row] = np.nan
     spoilt = replace(ranges, satellite_ecef_m=satellite)
-    choice = np.array([[-1, *(own[0] for own in copies[1:])]])
+    choice = np.array([[-1, *(copy[0] for copy in copies[1:])]])
     start = np.append(here, 0.0)[None]
     alone = search.solve(ranges, choice, start)
     np.testing.assert_array_equal(search.solve(spoilt, choice, start).state_m, alone.state_m)

@@ -124,6 +124,6 @@ def test_carried_on_in_steps_or_at_once_it_is_the_same():
     for at_s in (33.0, 41.02, 55.5):
         own = own.until(label(at_s))
     assert own.at(label(60.0)).mean == pytest.approx(whole.mean, abs=1e-3)
-    spreads = (np.diag(one.covariance)[:6] for one in (own.at(label(60.0)), whole))
+    spreads = (np.diag(item.covariance)[:6] for item in (own.at(label(60.0)), whole))
     ratio = np.divide(*spreads)
     assert ratio == pytest.approx(1.0, abs=0.05)

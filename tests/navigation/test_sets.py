@@ -231,8 +231,8 @@ def test_a_signals_cost_in_a_set_is_its_likelihood_there(nav, here, twelve):
     whole = search.solve(measurements, np.arange(7)[None], start)
     cost = sets_module._compute_costs(measurements, sats, [whole])[:, 0]
     for k in range(7):
-        others = search.solve(measurements, np.delete(np.arange(7), k)[None], start)
-        misfit, variance = search.compute_innovation(measurements, np.array([k]), others.state_m, others.covariance_m2)
+        rest = search.solve(measurements, np.delete(np.arange(7), k)[None], start)
+        misfit, variance = search.compute_innovation(measurements, np.array([k]), rest.state_m, rest.covariance_m2)
         logarithm = stats.norm.logpdf(misfit[0], scale=np.sqrt(variance[0]))
         np.testing.assert_allclose(cost[k], -2.0 * logarithm - np.log(2.0 * np.pi), atol=1e-2)
 

@@ -98,7 +98,7 @@ def test_a_state_gone_wrong_is_noticed_within_a_second(off):
         wrong = VectorState(elapsed_s=sure.elapsed_s, mean=sure.mean + np.array(off), covariance=held)
         after, _ = run(wrong, truth, rng, 5)
         home = np.linalg.norm(after[-1].state.mean[:3] - truth[:3]) < 20.0
-        assert any(one.diverged for one in after) or home
+        assert any(item.diverged for item in after) or home
 
 
 def test_an_unfitting_signal_moves_the_state_as_least_squares():

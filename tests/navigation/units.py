@@ -99,9 +99,9 @@ def nees(state: InsState, motion, at_s: float, bias) -> float:
     """Of the fifteen errors: chi-square with as many degrees where the covariance is true."""
     m = motion.at(np.array([at_s]))
     psi = Rotation.from_matrix(state.attitude @ m.attitude[0].T).as_rotvec()
-    left = bias - np.concatenate((state.accelerometer_bias_m_s2, state.gyro_bias_rad_s))
+    remaining = bias - np.concatenate((state.accelerometer_bias_m_s2, state.gyro_bias_rad_s))
     apart = (state.position_ecef_m - m.position_ecef_m[0], state.velocity_ecef_m_s - m.velocity_ecef_m_s[0])
-    error = np.concatenate((*apart, psi, left))
+    error = np.concatenate((*apart, psi, remaining))
     fifteen = np.zeros((15, SIZE))
     fifteen[:15, :15] = np.eye(15)
     fifteen[9:, 15:21] = np.eye(6)

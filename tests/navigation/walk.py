@@ -103,10 +103,10 @@ def follow(walk: Walk, state: InsState, end_s: float, *, use=None, fixes=None, f
         _, state = step(state, select_readings(walk.readings, state.gpst, fix.gpst), SETTINGS)
         if state is None:
             break
-        shown = expect_fix(state, SETTINGS, fix.gpst)
+        result = expect_fix(state, SETTINGS, fix.gpst)
         seconds.append(at)
-        off.append(shown.mean - fix.mean)
-        spread.append(shown.covariance + np.diag(np.diag(fix.covariance)))
+        off.append(result.mean - fix.mean)
+        spread.append(result.covariance + np.diag(np.diag(fix.covariance)))
         after, fit = correct(
             state, measurement_from_fix(state, fix, SETTINGS), false_alarm_probability=false_alarm_probability
         )

@@ -50,11 +50,11 @@ def cn0_dbhz(planes, prn=7, doppler_hz=1234.0):
     base = (planes[0] + 1j * planes[1]).astype(np.complex128)
     n = base.size
     carrier = abs(np.mean(base * np.conj(replica(prn, n, doppler_hz=doppler_hz)))) ** 2
-    others = []
+    rest = []
     for other in range(1, 33, 2):
         product = base * np.conj(replica(other, n, delay_chips=31.0 * other, doppler_hz=311.0 * other - 5000.0))
-        others.append(np.mean(np.abs(product.reshape(-1, 4000).mean(axis=1)) ** 2))
-    return 10.0 * np.log10(carrier / (np.mean(others) * 1e-3))
+        rest.append(np.mean(np.abs(product.reshape(-1, 4000).mean(axis=1)) ** 2))
+    return 10.0 * np.log10(carrier / (np.mean(rest) * 1e-3))
 
 
 def sky(n, dbhz=45.0):
@@ -151,10 +151,10 @@ def test_a_line_in_real_samples_is_notched():
     assert found.jn0_dbhz == pytest.approx(70.0, abs=0.3)
     corrected = condition(samples, front).read(50_000, 1_000_000)
     assert not corrected[1].any()
-    left = 2.0 * np.mean(
+    remaining = 2.0 * np.mean(
         corrected[0] * np.exp(-2j * np.pi * np.mod(3.1e6 / rate_hz * np.arange(50_000, 1_050_000), 1.0))
     )
-    assert abs(left) < 0.01 * np.sqrt(4.0 * 10.0**7.0 / rate_hz)
+    assert abs(remaining) < 0.01 * np.sqrt(4.0 * 10.0**7.0 / rate_hz)
 
 
 def wide_lines(n, frequencies_hz, width_hz, power_over_n0_dbhz):
@@ -186,8 +186,8 @@ def test_wide_lines_are_not_notched_without_neighbours(power_dbhz, width_hz, tog
     received = out[0] + 1j * out[1]
     lags = np.arange(-30, 31)
     replicas = np.array([np.roll(base, lag)[20_000:220_000] for lag in lags])
-    own, left = (np.mean(seen * replicas.conj(), axis=1) for seen in (base[20_000:220_000], received))
-    assert np.abs(left - own)[np.abs(lags) > 1.5 * RATE_HZ / 1.023e6].max() < beside
+    own, remaining = (np.mean(seen * replicas.conj(), axis=1) for seen in (base[20_000:220_000], received))
+    assert np.abs(remaining - own)[np.abs(lags) > 1.5 * RATE_HZ / 1.023e6].max() < beside
 
 
 @pytest.mark.parametrize("line_hz", [3e3, -211_003.0, 511_500.0])

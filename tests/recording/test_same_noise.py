@@ -123,10 +123,12 @@ def test_no_strength_of_common_signals_is_taken_for_common_noise(sats, bits):
     rng = np.random.default_rng([6, sats, bits or 0])
     for stronger_db in range(0, 31, 3):
         first, second = sky(rng, cn0_dbhz=45.0 + stronger_db, sats=sats)
-        rows = [cut_rows(quantised(one + noise(rng), bits), 0.0, CELLS) for one in (first, second)]
-        left = [remove_repetition(one)[0] for one in rows]
+        rows = [cut_rows(quantised(item + noise(rng), bits), 0.0, CELLS) for item in (first, second)]
+        remaining = [remove_repetition(item)[0] for item in rows]
         reported = seen(*rows)
-        repeats = max(1.0 - np.sum(np.abs(b) ** 2) / np.sum(np.abs(a) ** 2) for a, b in zip(rows, left, strict=True))
+        repeats = max(
+            1.0 - np.sum(np.abs(b) ** 2) / np.sum(np.abs(a) ** 2) for a, b in zip(rows, remaining, strict=True)
+        )
         assert reported.p_value == 1.0
         assert reported.coefficient < 0.5 * bound_explained(float(repeats))
 

@@ -150,7 +150,7 @@ def test_a_mirrored_spectrum_is_found():
     right = survey_recorder(samples, 0.0, heard)
     assert right.conjugate is False
     mirrored = replace(samples, read=lambda start, count: samples.read(start, count) * np.float32([[1.0], [-1.0]]))
-    seen = [SimpleNamespace(sat=one.sat, delay_s=one.delay_s, doppler_hz=-one.doppler_hz) for one in heard]
+    seen = [SimpleNamespace(sat=item.sat, delay_s=item.delay_s, doppler_hz=-item.doppler_hz) for item in heard]
     wrong = survey_recorder(mirrored, 0.0, seen)
     assert wrong.conjugate is True
     assert wrong.conjugate_error_probability < 1e-3

@@ -100,7 +100,7 @@ def test_a_long_title_is_broken_and_the_chart_moved_down() -> None:
     reported = [e for e in root.iter(f"{SVG}text") if e.get("class") == "title"]
     assert " ".join(e.text or "" for e in reported) == words
     assert all(len(e.text or "") <= 50 for e in reported)
-    short, long = (float(one.get("viewBox", "").split()[3]) for one in (drawn(), root))
+    short, long = (float(item.get("viewBox", "").split()[3]) for item in (drawn(), root))
     assert long - short == pytest.approx(14.0)
 
 
@@ -173,19 +173,19 @@ def test_a_scatter_has_marks_only_and_an_even_diagonal() -> None:
     assert not [path for path in root.iter(f"{SVG}path") if "curve" in path.get("class", "")]
     marks = [path.get("d", "").count("M") for path in root.iter(f"{SVG}path") if "point" in path.get("class", "")]
     assert marks[0] == 100
-    (line,) = (one for one in root.iter(f"{SVG}line") if one.get("class") == "frame")
+    (line,) = (item for item in root.iter(f"{SVG}line") if item.get("class") == "frame")
     x1, y1, x2, y2 = (float(line.get(name, "nan")) for name in ("x1", "y1", "x2", "y2"))
     assert x1 < x2
     assert y1 > y2
     plain = drawn(rows, x_log=True, y_log=True)
-    assert not [one for one in plain.iter(f"{SVG}line") if one.get("class") == "frame"]
+    assert not [item for item in plain.iter(f"{SVG}line") if item.get("class") == "frame"]
 
 
 def test_a_diagonal_is_drawn_however_far_the_points_lie() -> None:
     rows = [{"method": "one", "window_s": 100.0 + k, "kept": 0.1 + 0.01 * k} for k in range(9)]
     root = drawn(rows, x_log=True, y_log=True, scattered=True, diagonal=True)
-    (line,) = (one for one in root.iter(f"{SVG}line") if one.get("class") == "frame")
-    (frame,) = (one for one in root.iter(f"{SVG}rect") if one.get("class") == "frame")
+    (line,) = (item for item in root.iter(f"{SVG}line") if item.get("class") == "frame")
+    (frame,) = (item for item in root.iter(f"{SVG}rect") if item.get("class") == "frame")
     left, width = float(frame.get("x", "nan")), float(frame.get("width", "nan"))
     ends = [float(line.get(name, "nan")) for name in ("x1", "x2")]
     assert ends == pytest.approx([left, left + width], abs=0.2)

@@ -62,10 +62,10 @@ def twin(
         index = np.floor(chip).astype(int)
         value = GPS_L1_CA.code(prn_of(heard.id.sat))[index % 1023] * (1 - 2 * bits[index // (1023 * 20)])
         phase_cyc = L1_HZ * (true_s - elapsed_s - (carrier_s + added_s)) + scenario.front_end.if_hz * elapsed_s
-        there = (true_s >= heard.from_s) & (true_s < heard.until_s)
+        present = (true_s >= heard.from_s) & (true_s < heard.until_s)
         per_hertz = 4.0 if scenario.front_end.kind == "real" else 2.0
         amplitude = np.sqrt(per_hertz / rate_hz * 10.0 ** (float(sky.cn0_dbhz(true_s[0])[column]) / 10.0))
-        total += there * amplitude * value * np.exp(2j * np.pi * phase_cyc)
+        total += present * amplitude * value * np.exp(2j * np.pi * phase_cyc)
         clear &= np.abs(chip - np.rint(chip)) > 2e-5
     return total, clear
 

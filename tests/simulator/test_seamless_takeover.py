@@ -143,18 +143,18 @@ def test_every_stage_of_the_recipe_is_in_the_samples() -> None:
     """The false signal's amplitude to 0.3 %, its phase to 0.2 degrees, its code to 5 cm."""
     found = [compared(7, at_s) for at_s in STAGES_S]
     at_s = np.array(STAGES_S)
-    assert [one.amplitude for one in found] == pytest.approx(published_amplitude(at_s), rel=3e-3)
-    assert [one.phase_deg for one in found] == pytest.approx(published_phase_deg(at_s), abs=0.2)
-    assert [one.delay_m for one in found] == pytest.approx(published_delay_m(at_s), abs=0.05)
+    assert [item.amplitude for item in found] == pytest.approx(published_amplitude(at_s), rel=3e-3)
+    assert [item.phase_deg for item in found] == pytest.approx(published_phase_deg(at_s), abs=0.2)
+    assert [item.delay_m for item in found] == pytest.approx(published_delay_m(at_s), abs=0.05)
 
 
 def test_the_stages_begin_and_end_where_they_should() -> None:
     """Corners of amplitude and code at 130, 150 and 400 s, none of them rounded."""
     corners_s = np.array([129.5, 130.5, 149.5, 150.5, 399.5, 400.5])
     found = [compared(7, at_s) for at_s in corners_s]
-    assert [one.amplitude for one in found] == pytest.approx([1.99846, 2.0, 2.0, 1.998, 1.002, 1.0], abs=1e-3)
-    assert [one.phase_deg for one in found] == pytest.approx([177.75, 180.0, 180.0, 180.0, 180.0, 180.0], abs=0.1)
-    assert [one.delay_m for one in found] == pytest.approx([0.0, 0.0, 0.0, 0.6, 299.4, 300.6], abs=0.02)
+    assert [item.amplitude for item in found] == pytest.approx([1.99846, 2.0, 2.0, 1.998, 1.002, 1.0], abs=1e-3)
+    assert [item.phase_deg for item in found] == pytest.approx([177.75, 180.0, 180.0, 180.0, 180.0, 180.0], abs=0.1)
+    assert [item.delay_m for item in found] == pytest.approx([0.0, 0.0, 0.0, 0.6, 299.4, 300.6], abs=0.02)
 
 
 def test_the_sum_keeps_its_amplitude_and_turns_half_a_cycle() -> None:
@@ -171,10 +171,12 @@ def test_the_sum_keeps_its_amplitude_and_turns_half_a_cycle() -> None:
 def test_the_truth_is_what_the_samples_hold() -> None:
     table = compute_signal_truth(scene(7, sat=SAT), "roof")
     false = table["label"] == "spoofed"
-    own = {name: table[name][~false] for name in table if name.endswith(("authentic", "authentic_m", "authentic_hz"))}
-    assert (own["amplitude_to_authentic"] == 1.0).all()
-    assert not own["delay_to_authentic_m"].any()
-    assert not own["doppler_to_authentic_hz"].any()
+    matching = {
+        name: table[name][~false] for name in table if name.endswith(("authentic", "authentic_m", "authentic_hz"))
+    }
+    assert (matching["amplitude_to_authentic"] == 1.0).all()
+    assert not matching["delay_to_authentic_m"].any()
+    assert not matching["doppler_to_authentic_hz"].any()
     for wanted_s in (113.0, 140.0, 300.0, 460.0):
         row = np.flatnonzero(false)[np.abs(table["true_s"][false] - wanted_s).argmin()]
         found = compared(7, float(table["elapsed_s"][row]))
@@ -317,10 +319,15 @@ def guessed_wrong(sat: str, from_s: float, until_s: float) -> Booleans:
 def test_guesses_are_a_coins_throws() -> None:
     """Wrong in half of all bits, neither alike from bit to bit nor from satellite to satellite."""
     wrong = [guessed_wrong(sat, 151.0, 171.0)[:999] for sat in ("G05", "G06", "G27")]
-    assert all(abs(np.mean(one) - 0.5) < 4.0 * 0.5 / np.sqrt(one.size) for one in wrong)
-    pairs = [(wrong[0], wrong[1]), (wrong[1], wrong[2]), (wrong[0], wrong[2]), *((one[1:], one[:-1]) for one in wrong)]
-    for one, other in pairs:
-        assert abs(np.mean(one == other) - 0.5) < 4.0 * 0.5 / np.sqrt(one.size)
+    assert all(abs(np.mean(item) - 0.5) < 4.0 * 0.5 / np.sqrt(item.size) for item in wrong)
+    pairs = [
+        (wrong[0], wrong[1]),
+        (wrong[1], wrong[2]),
+        (wrong[0], wrong[2]),
+        *((item[1:], item[:-1]) for item in wrong),
+    ]
+    for item, other in pairs:
+        assert abs(np.mean(item == other) - 0.5) < 4.0 * 0.5 / np.sqrt(item.size)
 
 
 def test_after_its_guess_each_bit_is_right() -> None:

@@ -13,19 +13,19 @@ def found() -> list[Stability]:
 
 
 def test_every_noisy_oscillator_and_both_sensors_are_measured(found):
-    assert {one.name for one in found if one.what == "oscillator"} == set(OSCILLATORS) - {"perfect"}
-    assert {(one.name, one.what) for one in found if one.what != "oscillator"} == {
-        (name, what) for name in ("navigation", "tactical") for what in ("accelerometer", "gyro")
+    assert {item.name for item in found if item.what == "oscillator"} == set(OSCILLATORS) - {"perfect"}
+    assert {(item.name, item.what) for item in found if item.what != "oscillator"} == {
+        (name, kind) for name in ("navigation", "tactical") for kind in ("accelerometer", "gyro")
     }
 
 
 def test_deviations_agree_with_theory_within_their_own_spread(found):
     """90 % limits: about a tenth of the points lie outside, and hardly any by more than twice the limits' width."""
-    inside = np.concatenate([(one.lower <= one.theory) & (one.theory <= one.upper) for one in found])
+    inside = np.concatenate([(item.lower <= item.theory) & (item.theory <= item.upper) for item in found])
     assert inside.mean() > 0.75
-    for one in found:
-        reach = np.maximum(one.upper - one.deviation, 0.03 * one.theory)
-        assert (np.abs(one.deviation - one.theory) < 3.0 * reach).all(), one.name
+    for item in found:
+        reach = np.maximum(item.upper - item.deviation, 0.03 * item.theory)
+        assert (np.abs(item.deviation - item.theory) < 3.0 * reach).all(), item.name
 
 
 def test_a_seed_determines_the_points_and_another_differs():

@@ -20,6 +20,6 @@ def hold(name: str) -> None:
     start = time.process_time()
     rows = rows_of(name)
     assert time.process_time() - start < 20.0
-    for one in check(FOUND[name], rows):
-        assert one.agrees is not False, one.cells()
-        assert "not found" not in one.cells(), one.cells()
+    for item in check(FOUND[name], rows):
+        assert item.agrees is not False, item.cells()
+        assert "not found" not in item.cells(), item.cells()

@@ -196,8 +196,8 @@ def test_rows_are_plain_repeatable_and_hold_charts_and_claims(name: str) -> None
         drawn = [row for row in rows if all(row.get(key) == value for key, value in chart.where.items())]
         assert any(row.get(chart.x) is not None and row.get(chart.y) is not None for row in drawn), chart.title
         assert all(any(by in row for row in drawn) for by in chart.by), chart.title
-    for one in check(study, rows):
-        assert one.same is None or isinstance(one.same, float)
+    for item in check(study, rows):
+        assert item.same is None or isinstance(item.same, float)
 
 
 def test_a_claims_figure_is_missing_where_its_rows_are() -> None:

@@ -59,7 +59,7 @@ def received(receiver, blocks):
         arcs |= output.arcs
     found = Measurements.join([o.measurements for o in outputs])
     grids = Grids.join([o.grids for o in outputs if len(o.grids)])
-    shown = {}
+    result = {}
     for number, arc in arcs.items():
         rows = (found.arc == number) & (found.elapsed_s > SETTLED_S)
         late = (grids.arc == number) & (grids.elapsed_s > SETTLED_S)
@@ -67,8 +67,8 @@ def received(receiver, blocks):
             value = np.abs(grids.value[late][:, 0]).mean(axis=0)
             sent_s = found.column(m.FRACTION_S)[rows] - found.elapsed_s[rows]
             codes_s = dict(zip(np.rint(10.0 * found.elapsed_s[rows]).tolist(), sent_s.tolist(), strict=True))
-            shown[arc.signal.sat] = float(found.column(m.CN0_DBHZ)[rows].mean()), codes_s, value / value.max()
-    return shown
+            result[arc.signal.sat] = float(found.column(m.CN0_DBHZ)[rows].mean()), codes_s, value / value.max()
+    return result
 
 
 @pytest.mark.long

@@ -70,9 +70,9 @@ def test_a_wrongly_stated_noise_scales_the_statistic():
 )
 def test_every_quick_figure_is_found_within_its_tolerance(name):
     study = FOUND[name]
-    for one in check(study, list(study.run(StudySettings(quick=True, seed=2)))):
-        assert one.agrees is not False, (one.claim.what, one.same, one.better)
-        assert "not found" not in one.cells()
+    for item in check(study, list(study.run(StudySettings(quick=True, seed=2)))):
+        assert item.agrees is not False, (item.claim.what, item.same, item.better)
+        assert "not found" not in item.cells()
 
 
 def test_a_restart_helps_as_predicted_and_with_velocity_more():
@@ -133,5 +133,5 @@ def test_the_promised_figures_hold_at_full_count():
 @pytest.mark.parametrize("name", [name for name in FOUND if name not in ("dccaf.separation", "dccaf.count")])
 def test_no_figure_is_outside_its_tolerance_at_full_count(name):
     study = FOUND[name]
-    for one in check(study, list(study.run(StudySettings()))):
-        assert one.agrees is not False, (one.claim.what, one.same, one.better)
+    for item in check(study, list(study.run(StudySettings()))):
+        assert item.agrees is not False, (item.claim.what, item.same, item.better)

@@ -103,8 +103,8 @@ def test_shared_errors_cost_only_what_fixes_would_have_gained():
 def test_its_power_is_that_of_the_noncentral_law_over_all_noise():
     baseline, sigma_m = 0.25 * BASELINE, 0.9
     false, sky = tables(np.random.default_rng(34), 40_000, baseline, sigma_m)
-    shown = -(UNITS @ baseline[0])
-    squares = np.sum((shown - shown.mean()) ** 2) / 2.0 / sigma_m**2
+    result = -(UNITS @ baseline[0])
+    squares = np.sum((result - result.mean()) ** 2) / 2.0 / sigma_m**2
     reported = noncentral_f_survival(f_threshold(1e-3, 3, 15), 3, 15, squares)
     assert np.mean(span_test(sky, false, UNITS).fixes < 1e-3) == pytest.approx(float(reported), abs=0.01)
     assert np.mean(span_test(sky, false, UNITS).p_value < 1e-3) > 0.9 * reported
@@ -149,9 +149,9 @@ def test_mixed_pairings_are_rejected_on_the_transmitters_line():
         sky = rng.standard_normal((500, 7, 2)) - UNITS @ np.stack([np.zeros(3), BASELINE[0]], axis=-1)
         false = rng.standard_normal((500, 7, 2)) + (UNITS @ where)[:, None] + np.array([900.0, 920.0])
         mixed, other = (np.stack([a[..., 0], b[..., 1]], axis=-1) for a, b in ((sky, false), (false, sky)))
-        for one, complement in ((mixed, other), (other, mixed)):
-            assert np.all(known_baseline_test(one, complement, UNITS, BASELINE) < 1e-3)
-            assert np.all(span_test(one, complement, UNITS).p_value < 1e-3)
+        for item, complement in ((mixed, other), (other, mixed)):
+            assert np.all(known_baseline_test(item, complement, UNITS, BASELINE) < 1e-3)
+            assert np.all(span_test(item, complement, UNITS).p_value < 1e-3)
 
 
 def test_no_baseline_cannot_tell():

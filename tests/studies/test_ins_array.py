@@ -50,8 +50,8 @@ def test_scenarios_have_the_promised_rates():
         }
         for key, value in zip(((False, "paper"), (True, "paper"), (True, "calibrated")), values, strict=True):
             assert found[key] == pytest.approx(value, abs=0.005 if key == (True, "paper") else 1e-3)
-    others = [r for r in rows if (r["location"], r["scenario"], r["sat"]) not in expected and r["sat"] != "all"]
-    assert min(r["p_d_theory"] for r in others) > 0.999
+    rest = [r for r in rows if (r["location"], r["scenario"], r["sat"]) not in expected and r["sat"] != "all"]
+    assert min(r["p_d_theory"] for r in rest) > 0.999
     assert min(r["p_d_simulated"] for r in rows if r["sat"] == "all") == 1.0
 
 

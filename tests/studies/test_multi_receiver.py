@@ -223,10 +223,10 @@ def test_rows_have_the_keys_that_are_promised():
 def test_every_claim_finds_its_rows():
     for study in (DISTANCE, RECEIVERS):
         rows = list(study.run(StudySettings(trials=16)))
-        for one in check(study, rows):
-            assert one.same is None or np.isfinite(one.same), one.claim.what
-            assert one.better is None or np.isfinite(one.better), one.claim.what
-            assert one.tolerance is None or np.isfinite(one.tolerance), one.claim.what
+        for item in check(study, rows):
+            assert item.same is None or np.isfinite(item.same), item.claim.what
+            assert item.better is None or np.isfinite(item.better), item.claim.what
+            assert item.tolerance is None or np.isfinite(item.tolerance), item.claim.what
 
 
 def test_the_noises_are_those_of_the_table():
@@ -279,4 +279,4 @@ def test_ours_keeps_the_stated_rate_under_every_noise():
 
 def test_the_quick_count_of_rates_agrees_within_its_own_scatter():
     rows = list(FALSE_ALARM.run(StudySettings(trials=4000)))
-    assert all(one.agrees for one in check(FALSE_ALARM, rows)[:2])
+    assert all(item.agrees for item in check(FALSE_ALARM, rows)[:2])

@@ -243,13 +243,13 @@ def test_clean_hours_add_up_and_false_alarms_bound_their_rate(tmp_path, monkeypa
                 made[0] |= {"false_alarms": 1, "verdict": "spoofed", "trusted_worst_m": 3.0}
                 (folder / items.ROWS).write_text(json.dumps(made))
     monkeypatch.setattr(items, "Processes", lambda count: nullcontext(Nobody()))
-    found = {one["equipment"]: one for one in clean.rows(settings)}
+    found = {item["equipment"]: item for item in clean.rows(settings)}
     assert list(found) == [name for name in EQUIPMENT if name in found] + ["all"]
     first, whole = found["one receiver"], found["all"]
     assert (first["hours"], first["spoofed"], first["false_alarms"]) == (0.1, 1, 1)
     assert first["at_most_an_hour"] == pytest.approx(47.4, abs=0.1)  # 4.74 expected give one or none in 1 of 20
     assert found["with IMU"]["at_most_an_hour"] == pytest.approx(30.0, abs=0.1)  # and 3.00 none
-    assert whole["runs"] == sum(one["runs"] for one in found.values()) - whole["runs"]
+    assert whole["runs"] == sum(item["runs"] for item in found.values()) - whole["runs"]
     assert (whole["spoofed"], whole["trusted_worst_m"], whole["trusted_share"]) == (2, 3.0, 0.5)
 
 

@@ -33,11 +33,11 @@ def test_no_more_fixes_are_beyond_their_level_than_asked(rows):
 
 def test_a_detected_bias_has_no_level_and_others_move_the_fix(rows):
     for axis in ("horizontal", "vertical"):
-        own = {row["bias_sigma"]: row for row in rows if row["axis"] == axis and row["integrity_risk"] == RISKS[0]}
-        assert own[0.0]["with_level"] > 0.99
-        assert own[30.0]["with_level"] < 0.01
-        assert own[5.0]["error_p50_m"] > 3.0 * own[0.0]["error_p50_m"]
-        assert own[0.0]["protection_p50_m"] > own[0.0]["error_p50_m"]
+        matching = {row["bias_sigma"]: row for row in rows if row["axis"] == axis and row["integrity_risk"] == RISKS[0]}
+        assert matching[0.0]["with_level"] > 0.99
+        assert matching[30.0]["with_level"] < 0.01
+        assert matching[5.0]["error_p50_m"] > 3.0 * matching[0.0]["error_p50_m"]
+        assert matching[0.0]["protection_p50_m"] > matching[0.0]["error_p50_m"]
 
 
 @pytest.mark.long

@@ -38,8 +38,8 @@ def test_no_weights_that_null_the_sources_do_better(seed, antennas, share):
     assert reached == pytest.approx(np.sum(np.abs(combined) ** 2), rel=1e-6)
     basis = np.linalg.svd(signatures)[0][:, sources:]  # all weights without the sources
     tried = basis @ _random(rng, antennas - sources, 200)
-    others = np.abs(tried.conj().T @ wanted) ** 2 / np.real(np.sum(tried.conj() * (covariance @ tried), axis=0))
-    assert np.all(others <= reached * (1.0 + 1e-6))
+    rest = np.abs(tried.conj().T @ wanted) ** 2 / np.real(np.sum(tried.conj() * (covariance @ tried), axis=0))
+    assert np.all(rest <= reached * (1.0 + 1e-6))
 
 
 def test_the_share_beside_one_source_is_that_of_the_angle():
@@ -77,8 +77,8 @@ def test_a_signature_is_found_whatever_the_rows_share():
     phases[0, 2] = np.nan
     found = signature_of(phases, sigmas, np.ones(antennas))
     held = filter_of(np.eye(antennas), found[:, None])
-    left = np.sum(np.abs(held @ source) ** 2) / np.sum(np.abs(source) ** 2)
-    assert left < 10.0 * antennas * (2.0 * np.pi * sigma_cyc) ** 2 / n
+    remaining = np.sum(np.abs(held @ source) ** 2) / np.sum(np.abs(source) ** 2)
+    assert remaining < 10.0 * antennas * (2.0 * np.pi * sigma_cyc) ** 2 / n
     with pytest.raises(ValueError, match="all antennas"):
         signature_of(phases[:1], sigmas[:1], np.ones(antennas))
 

@@ -97,7 +97,7 @@ def test_exact_tests_have_uniform_p_values_in_the_coarse():
 
 
 def test_claims_hold():
-    assert all(one.agrees for one in check(BY_NAME["uniformity.tests"], rows_of("uniformity.tests")))
+    assert all(item.agrees for item in check(BY_NAME["uniformity.tests"], rows_of("uniformity.tests")))
 
 
 @pytest.mark.long

@@ -420,19 +420,19 @@ def test_sets_that_explain_the_same_are_all_reported():
 
 def test_the_true_set_is_missed_as_often_as_stated():
     y, white = vectors(SKY, attack_on(2, size=0.1), attack_on(2, size=50.0), 500, 26)
-    missed = sum((0,) not in [each.satellites for each in parity.find_explanations(one, white, 0.1)] for one in y)
+    missed = sum((0,) not in [each.satellites for each in parity.find_explanations(item, white, 0.1)] for item in y)
     assert binomial_two_sided(missed, 500, 0.1) > 1e-3
 
 
 def test_unlikely_sets_are_left_out_at_the_stated_error_rate():
     attack = attack_on(17, size=0.04)
     y, white = vectors(SKY, attack, 500.0 * attack, 400, 27)
-    found = [[each.satellites for each in parity.select_likely_sets(one, white, 0.1)] for one in y]
+    found = [[each.satellites for each in parity.select_likely_sets(item, white, 0.1)] for item in y]
     place = (PRNS.index(17),)
     wrong = sum(len(sets) > 0 and place not in sets for sets in found)
     assert binomial_survival(wrong, 400, 0.1) > 1e-3
     named = sum(sets == [place] for sets in found)
-    fit = [[each.satellites for each in parity.find_explanations(one, white, 0.05)] for one in y]
+    fit = [[each.satellites for each in parity.find_explanations(item, white, 0.05)] for item in y]
     assert named > sum(sets == [place] for sets in fit)
 
 

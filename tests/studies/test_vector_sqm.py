@@ -67,7 +67,7 @@ def test_the_same_seed_gives_the_same_rows():
 def test_every_claim_on_one_spoofer_holds():
     study = BY_NAME["vector-sqm.one-spoofer"]
     table = list(study.run(QUICK))
-    assert all(one.agrees for one in check(study, table))
+    assert all(item.agrees for item in check(study, table))
     # on the satellite with the largest noise-free parameter
     whole = [r for r in table if r["attack"] == "both" and r["code_chips"] == 0.4]
     reported = {r["prn"]: (r["tested_prn"], r["p_d_largest"]) for r in whole}

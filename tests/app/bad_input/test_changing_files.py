@@ -85,9 +85,11 @@ def test_a_recording_that_grows_while_read_is_not_authentic(meddled):
 def test_files_of_a_killed_run_do_not_outlive_the_next(run, wide):
     ended = run(wide)
     names = {path.name for path in ended.folder.iterdir()}
-    left = ended.folder / ".skyproof-unfinished"  # what is replaced is kept here until all of the new is there
-    left.mkdir()
-    (left / "replaced-verdict.json").write_text((ended.folder / "verdict.json").read_text().replace('"bow"', '"mast"'))
+    remaining = ended.folder / ".skyproof-unfinished"  # what is replaced is kept here until all of the new is there
+    remaining.mkdir()
+    (remaining / "replaced-verdict.json").write_text(
+        (ended.folder / "verdict.json").read_text().replace('"bow"', '"mast"')
+    )
     for name in ("mast-authentic.obs", "mast-other-2.obs", "notes.obs"):
         (ended.folder / name).write_text("old")
     again = run(wide, options=["--overwrite"])

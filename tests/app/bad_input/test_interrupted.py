@@ -183,9 +183,9 @@ def test_a_closed_terminal_does_not_lose_the_answer(pair, tmp_path):
         start_new_session=True,
     )
     os.close(theirs)
-    shown = b""
-    while b"examining" not in shown:
-        shown += os.read(ours, 1000)
+    output = b""
+    while b"examining" not in output:
+        output += os.read(ours, 1000)
     os.close(ours)
     process.send_signal(signal.SIGHUP)  # the terminal is nobody's here, so that the kernel sends none
     assert process.wait(300) == 129

@@ -263,11 +263,11 @@ def test_a_recording_of_any_name_is_read_and_named_legibly(run, wide, tmp_path):
     path = copied(wide, tmp_path, name=name)
     ended = run(path)
     assert ended.code == 0
-    shown = "[x] \\xff\\x1b[31m%" + "n" * 230
-    assert ended.verdict.inputs[0].path == f"{tmp_path}/{shown}.bin"
-    assert ended.verdict.receivers[0].name == shown[:200]
+    result = "[x] \\xff\\x1b[31m%" + "n" * 230
+    assert ended.verdict.inputs[0].path == f"{tmp_path}/{result}.bin"
+    assert ended.verdict.receivers[0].name == result[:200]
     assert "\x1b" not in ended.stdout
-    assert shown[:60] in ended.stdout.replace("\n", "")
+    assert result[:60] in ended.stdout.replace("\n", "")
     assert cli.main(["receive", str(path), "--out", str(tmp_path / "received"), "--json"]) == 0
 
 
@@ -316,10 +316,10 @@ def test_a_folder_that_cannot_be_written_is_refused_first(run, pair, tmp_path):
 def test_the_results_of_two_runs_never_mix(run, wide, tmp_path):
     ended = run(wide)
     mine = ["bow-authentic.obs", "bow-other-2.obs", "bow-trusted.nmea", "nav.rnx"]
-    others = ["notes.obs", "bow-other-than.obs", "mast-authentic.obs"]
-    for name in (*mine, *others):
+    rest = ["notes.obs", "bow-other-than.obs", "mast-authentic.obs"]
+    for name in (*mine, *rest):
         (ended.folder / name).write_text("old")
     assert run(wide, options=["--overwrite"]).code == 0
-    left = {path.name for path in ended.folder.iterdir()}
-    assert left.isdisjoint(mine)
-    assert left.issuperset(others)
+    remaining = {path.name for path in ended.folder.iterdir()}
+    assert remaining.isdisjoint(mine)
+    assert remaining.issuperset(rest)

@@ -271,8 +271,8 @@ def test_readings_on_a_disk_give_the_same_states(tmp_path, monkeypatch, each):
     stored = with_stored_readings(files, Workspace(tmp_path))
     assert isinstance(stored.imu, StoredImuFile)
     names = ("one",)
-    held, read = (body_of(carrier, one, names, match_tables(carrier, names), START, 300.0) for one in (files, stored))
-    for in_memory, from_disk in zip(*(through(one, [0.0, 10.0, 30.0], HOME)[0] for one in (held, read)), strict=True):
+    held, read = (body_of(carrier, item, names, match_tables(carrier, names), START, 300.0) for item in (files, stored))
+    for in_memory, from_disk in zip(*(through(item, [0.0, 10.0, 30.0], HOME)[0] for item in (held, read)), strict=True):
         np.testing.assert_array_equal(from_disk.attitude, in_memory.attitude)
         np.testing.assert_array_equal(from_disk.covariance, in_memory.covariance)
 

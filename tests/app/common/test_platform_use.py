@@ -120,7 +120,7 @@ def test_no_attitude_changes_the_distances(heading_deg: float, pitch_deg: float,
     "more", [{}, {"motion": "moving", "attitude": {"heading_deg": 3.0, "sigma_deg": 1.0}}], ids=["absent", "moving"]
 )
 def test_antennas_keep_their_body_distance_without_an_attitude(more: dict[str, Any]) -> None:
-    settings, remarks = used(names=["a", "b"], receivers=[one | {"antenna_sigma_m": 0.01} for one in BODY], **more)
+    settings, remarks = used(names=["a", "b"], receivers=[item | {"antenna_sigma_m": 0.01} for item in BODY], **more)
     assert settings.antennas_enu_m is None
     assert settings.antenna_distance_m == pytest.approx(np.sqrt(10.0))
     assert settings.antenna_distance_sigma_m == pytest.approx(0.01 * np.sqrt(2.0))

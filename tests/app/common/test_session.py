@@ -75,8 +75,8 @@ def test_gaps_rates_and_starts_move_no_window_that_was_given(seed):
     chosen, nothing = widen_windows(Settings(), logs), NavigationData(ephemerides=())
     sources = [FedSource(o.receiver) for o in logs]
     windows, found, given_to = windows_of(sources, nothing, chosen), [], [0] * len(logs)
-    while left := [k for k, o in enumerate(logs) if given_to[k] < o.gpst.size]:
-        k, size = int(rng.choice(left)), int(rng.integers(1, 25))
+    while remaining := [k for k, o in enumerate(logs) if given_to[k] < o.gpst.size]:
+        k, size = int(rng.choice(remaining)), int(rng.integers(1, 25))
         sources[k].feed(logs[k].read(given_to[k], given_to[k] + size))
         given_to[k] += size
         if given_to[k] >= logs[k].gpst.size:

@@ -128,7 +128,7 @@ def test_correlators_are_those_that_detectors_ask_for():
     together = asked()
     for need, kind in ((Need.TAPS, "taps"), (Need.CCAF, "ccaf")):
         wanting = [detector for detector in load_detectors().values() if need in detector().needs]
-        stated = [own for one in wanting if (own := getattr(getattr(one, "asks", None), kind, None)) is not None]
+        stated = [own for item in wanting if (own := getattr(getattr(item, "asks", None), kind, None)) is not None]
         assert len(stated) <= 1
         assert getattr(together, kind) == (stated[0] if stated else None)
     assert together.taps is not None

@@ -338,7 +338,7 @@ def test_interleaved_channels_are_reported_and_get_no_sidecar(
     layout |= {key: int(layout[key]) for key in ("channels", "bits")} | ({"if_hz": 1.405e6} if real else {})
     separate = inspect(path, layout=layout)
     assert len(separate) == 2
-    assert all(len(one.satellites) > 3 for one in separate)
+    assert all(len(item.satellites) > 3 for item in separate)
     assert refused.value.guess.proposals[0].log10_chance < -6.0  # it would have convinced
     first = refused.value.document()["proposals"][0]
     assert (first["interleaved"], first["convincing"]) == (words, False)
@@ -474,8 +474,8 @@ def test_the_command_shows_the_guess_and_writes_it(swapped: Path, capsys) -> Non
     assert os.listdir(swapped.parent) == ["swapped.bin"]
     command = next(line for line in screen.splitlines() if "--write" in line).partition("skyproof ")[2]
     assert cli.main(shlex.split(command)) == 0
-    shown = [line[2:] for line in screen.splitlines() if line.startswith("  ")]
-    assert set(swapped.with_suffix(".toml").read_text().splitlines()) <= {line.rstrip() for line in shown} | {""}
+    output = [line[2:] for line in screen.splitlines() if line.startswith("  ")]
+    assert set(swapped.with_suffix(".toml").read_text().splitlines()) <= {line.rstrip() for line in output} | {""}
 
 
 @pytest.mark.usefixtures("guessed_once")
@@ -487,7 +487,7 @@ def test_what_cannot_be_decided_is_one_screen_and_one_document(tmp_path: Path, c
     assert cli.main(["inspect", str(path), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert (document["format"], document["path"]) == ("skyproof-inspect/1", str(path))
-    assert all(not one["convincing"] for one in document["proposals"])
+    assert all(not item["convincing"] for item in document["proposals"])
 
 
 @pytest.mark.usefixtures("guessed_once")
@@ -497,7 +497,7 @@ def test_pictures_are_written_even_if_nothing_convinces(tmp_path: Path, capsys) 
     out = tmp_path / "pictures"
     assert cli.main(["inspect", str(path), "--plot", "--out", str(out)]) == 0
     assert "not certain" in capsys.readouterr().out
-    assert {one.name for one in out.iterdir()} == {"noise-levels.svg", "noise-spectrum.svg"}
+    assert {item.name for item in out.iterdir()} == {"noise-levels.svg", "noise-spectrum.svg"}
     assert cli.main(["inspect", str(path), "--plot", "--out", str(out)]) == 2
     assert "--overwrite" in capsys.readouterr().err
     assert cli.main(["inspect", str(path), "--plot", "--out", str(out), "--json", "--overwrite"]) == 0

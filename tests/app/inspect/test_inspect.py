@@ -35,16 +35,16 @@ def reported(path: Path, sidecar: str, folder: Path) -> dict:
 
 
 def satellites(document: dict) -> set[int]:
-    assert all(one["peaks"] == 1 for one in document["satellites"])
-    return {int(one["sat"][1:]) for one in document["satellites"]}
+    assert all(item["peaks"] == 1 for item in document["satellites"])
+    return {int(item["sat"][1:]) for item in document["satellites"]}
 
 
 def agrees(document: dict, table: dict[int, tuple[float, float]], *, doppler_hz: float) -> None:
     """Dopplers and code phases are those that the README of the recordings lists."""
-    for one in document["satellites"]:
-        if (listed := table.get(int(one["sat"][1:]))) is not None:
-            assert one["doppler_hz"] == pytest.approx(listed[0], abs=doppler_hz)
-            assert (one["code_phase_chips"] - listed[1] + 511.5) % 1023 - 511.5 == pytest.approx(0.0, abs=1.0)
+    for item in document["satellites"]:
+        if (listed := table.get(int(item["sat"][1:]))) is not None:
+            assert item["doppler_hz"] == pytest.approx(listed[0], abs=doppler_hz)
+            assert (item["code_phase_chips"] - listed[1] + 511.5) % 1023 - 511.5 == pytest.approx(0.0, abs=1.0)
 
 
 def is_gap(gap: dict, at_sample: int, missing: int) -> bool:
@@ -226,7 +226,7 @@ def test_the_command_prints_one_document_or_one_screen(stored: tuple[Path, set[s
     assert cli.main(["inspect", str(path), *OPTIONS, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["format"] == "skyproof-inspect/1"
-    assert {one["sat"] for one in document["satellites"]} == heard
+    assert {item["sat"] for item in document["satellites"]} == heard
     assert cli.main(["inspect", str(path), *OPTIONS]) == 0
     screen = capsys.readouterr().out
     assert all(sat in screen for sat in heard)
@@ -257,12 +257,12 @@ def test_options_override_a_sidecar_and_facts_name_their_source(
     path, _ = stored
     sidecar = f"[samples]\nrate_hz = 4e6\nif_hz = 1.0\nkind = 'complex'\n{INT8}"
     path.with_suffix(".toml").write_text(sidecar, encoding="utf-8")
-    (document,) = [one.document() for one in inspect(path, layout={"if_hz": 300e3})]
+    (document,) = [item.document() for item in inspect(path, layout={"if_hz": 300e3})]
     sources = document["sources"]
     assert (sources["rate_hz"], sources["if_hz"], sources["centre_hz"]) == ("sidecar rx.toml", "option", "default")
     assert sources["start_gpst"] not in ("option", "default", "sidecar rx.toml")
     assert document["layout"]["if_hz"] == 300e3
-    assert all({"sat", "cn0_dbhz", "doppler_hz", "peaks"} <= set(one) for one in document["satellites"])
+    assert all({"sat", "cn0_dbhz", "doppler_hz", "peaks"} <= set(item) for item in document["satellites"])
 
 
 def test_two_signals_of_a_satellite_are_two_peaks(tmp_path: Path) -> None:
@@ -318,9 +318,9 @@ def test_pictures_are_written_where_asked_for(stored: tuple[Path, set[str]], tmp
     path, heard = stored
     out = tmp_path / "pictures"
     assert cli.main(["inspect", str(path), *OPTIONS, "--plot", "--out", str(out)]) == 0
-    assert {one.name for one in out.iterdir()} == {"rx-levels.svg", "rx-spectrum.svg", "rx-correlation.svg"}
-    for one in out.iterdir():
-        assert ElementTree.parse(one).getroot().tag.endswith("svg")
+    assert {item.name for item in out.iterdir()} == {"rx-levels.svg", "rx-spectrum.svg", "rx-correlation.svg"}
+    for item in out.iterdir():
+        assert ElementTree.parse(item).getroot().tag.endswith("svg")
     correlation = (out / "rx-correlation.svg").read_text(encoding="utf-8")
     assert all(sat in correlation for sat in heard)
     assert correlation.count('class="peak"') == len(heard)
@@ -328,7 +328,7 @@ def test_pictures_are_written_where_asked_for(stored: tuple[Path, set[str]], tmp
     assert cli.main(["inspect", str(path), *OPTIONS, "--plot", "--out", str(again), "--json"]) == 0
     reported = capsys.readouterr().out
     json.loads(reported[reported.index("{\n") :])
-    assert all((again / one.name).read_bytes() == one.read_bytes() for one in out.iterdir())
+    assert all((again / item.name).read_bytes() == item.read_bytes() for item in out.iterdir())
 
 
 def test_a_folder_for_pictures_that_cannot_be_made_is_reported(

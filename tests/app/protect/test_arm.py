@@ -54,12 +54,12 @@ def test_rinex_ten_times_a_second_says_what_samples_say(measured, tmp_path, stat
     assert result.verdict.verdict == "spoofed"
     assert {sat for sat, label in said.items() if label == "spoofed"} == false
     assert {said[sat] for sat in said if sat not in false} == {"authentic"}
-    seen = [one for source in result.verdict.sources for one in source.directions]
+    seen = [item for source in result.verdict.sources for item in source.directions]
     level = np.cos(np.radians(FROM_DEG[1]))
     off_deg = [
-        np.hypot((one.azimuth_deg - FROM_DEG[0]) * level, one.elevation_deg - FROM_DEG[1])
-        / np.hypot(one.along_sigma_deg, one.up_sigma_deg)
-        for one in seen
+        np.hypot((item.azimuth_deg - FROM_DEG[0]) * level, item.elevation_deg - FROM_DEG[1])
+        / np.hypot(item.along_sigma_deg, item.up_sigma_deg)
+        for item in seen
     ]
     assert min(off_deg) < 3.0
     fix = result.verdict.receivers[0].trusted_fix

@@ -48,7 +48,7 @@ def test_the_report_draws_expectation_skies_and_sources(pushed):
     assert compared.chosen
     assert compared.wrong <= 1e-3
     (came,) = list_origins(pushed.outcome, zero)
-    assert [one.origin for one in came.usable] == ["trusted", "held", "trusted"]
+    assert [item.origin for item in came.usable] == ["trusted", "held", "trusted"]
     held = pushed.at_s[pushed.kind == "held"]
     assert came.usable[1].from_s == pytest.approx(held.min(), abs=0.6)
     assert came.usable[1].to_s == pytest.approx(held.max(), abs=0.6)

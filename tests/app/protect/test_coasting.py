@@ -90,11 +90,11 @@ class Heard:
         self.told = []
 
     def learned(self, shown):
-        self.told += [("learned", one.gpst) for one in shown.each]
+        self.told += [("learned", item.gpst) for item in shown.each]
         return self
 
     def followed(self, shown):
-        self.told += [("followed", one.gpst) for one in shown.each]
+        self.told += [("followed", item.gpst) for item in shown.each]
         return self
 
     def until(self, gpst):

@@ -45,7 +45,7 @@ def found_in(heard, made):
             errors = compare_with_truth(fix, good, heard.position_ecef_m[good])
             parts.append(np.stack([errors.horizontal_m, errors.bound_m, errors.hidden_m, errors.protection_m[:, 0]]))
     noticed = [attack for e in outcome.evidence for attack in e.noticed]
-    sizes = {kind: max((one.size for one in noticed if one.kind == kind), default=np.nan) for kind in KINDS}
+    sizes = {kind: max((item.size for item in noticed if item.kind == kind), default=np.nan) for kind in KINDS}
     return Found(outcome.decision.verdict, sizes, *np.concatenate(parts, axis=1))
 
 

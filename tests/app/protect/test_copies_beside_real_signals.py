@@ -98,7 +98,7 @@ def test_copies_of_one_antenna_are_named_and_nothing_else_is(shared_data, name, 
     path, rng, place_ecef_m = shared_data / "real" / folder, np.random.default_rng(0), np.array(PLACES_ECEF_M[name])
     navigation = read_nav(path / nav)
     opened = (open_observations(path / f, get_glonass_channels(navigation), duration_s=duration_s) for f in files)
-    logs = [observe_file(one).observations for one in opened]
+    logs = [observe_file(item).observations for item in opened]
     base, rover = (
         replace(of_kind(log.read(0, log.gpst.size)), receiver=receiver)
         for log, receiver in zip(logs, PLACES, strict=True)

@@ -136,7 +136,7 @@ def test_a_jammer_that_two_antennas_hear_does_not_make_them_one():
         (o.gpst - plain[0].gpst[0]) / np.timedelta64(1, "s") - o.pseudorange_m[:, c] / 299_792_458.0
         for o, c in zip(plain, (sat, 0), strict=True)
     ]
-    present = [np.isfinite(one) for one in sent]
+    present = [np.isfinite(item) for item in sent]
     later_s = np.interp(sent[0][present[0]], sent[1][present[1]], plain[1].elapsed_s[present[1]])
     slope, offset_s = np.polyfit(plain[0].elapsed_s[present[0]], later_s - plain[0].elapsed_s[present[0]], 1)
     higher_hz = float(np.nanmedian(plain[1].doppler_hz[:, 0]) - np.nanmedian(plain[0].doppler_hz[:, sat]))

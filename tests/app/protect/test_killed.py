@@ -42,10 +42,10 @@ def read(left: Path) -> tuple[int, int]:
             rows += sum(lengths) if path.parent.name == "measured" else 0
     lines = left / "evidence.jsonl"
     said = [json.loads(line) for line in lines.read_text().splitlines()] if lines.exists() else []
-    assert all(one["detector"] and one["because"] for one in said)
+    assert all(item["detector"] and item["because"] for item in said)
     words = left / "words.jsonl"
     decided = [json.loads(line) for line in words.read_text().splitlines()] if words.exists() else []
-    assert all(one["word"] in WORDS and one["run"] in WORDS for one in decided)
+    assert all(item["word"] in WORDS and item["run"] in WORDS for item in decided)
     return rows, len(said)
 
 

@@ -73,6 +73,6 @@ def test_a_surveyed_place_is_expected_from_the_first_moment_on():
 def test_the_unit_does_not_carry_an_antenna_of_unknown_arm():
     bodies = [{"name": "a", "body_m": [5.0, 0.0, 0.0]}, {"name": "b", "body_m": [2.0, 1.0, 0.0]}, {"name": "c"}]
     found = of_platform(("a", "b", "c"), receivers=bodies, with_imu=True)
-    arms_m = {name: list(one.settings.lever_m) for name, one in found.items()}
+    arms_m = {name: list(value.settings.lever_m) for name, value in found.items()}
     assert arms_m == {"a": [1.0, 0.0, -2.0], "b": [-2.0, 1.0, -2.0]}
     assert found["a"].readings.gpst[0] == START + np.timedelta64(10, "ms")

@@ -32,7 +32,7 @@ def snapshots(made_once):
             (folder / name / "platform.toml").write_text(tomli_w.dumps({"receivers": [table | inputs]}))
             # The same in one file of NumPy.
             (first, *others) = [open_recording(path)[0] for path in recorded.paths]
-            planes = np.stack([one.read(0, first.n_samples)[0] for one in (first, *others)]).astype(np.int8)
+            planes = np.stack([item.read(0, first.n_samples)[0] for item in (first, *others)]).astype(np.int8)
             np.save(folder / name / "whole.npy", planes)
             stated = f'rate_hz = 4092000.0\nif_hz = 1023000.0\nstart_gpst = "{first.start_gpst}"\n'
             (folder / name / "whole.toml").write_text(f"[samples]\n{stated}")
@@ -137,8 +137,8 @@ def test_an_attack_that_begins_within_is_not_passed_over(snapshots, tmp_path, be
     count = round(begun * clean.shape[1])
     platform = with_planes(snapshots, tmp_path, np.hstack([clean[:, :count], attacked[:, count:]]))
     result = protect(platform=platform, nav=snapshots / "clean" / "nav.rnx" if with_orbits else None)
-    said = [e for e in result.outcome.evidence if e.detector == "snapshot"]
-    assert said[0].code == "changes"
+    findings = [e for e in result.outcome.evidence if e.detector == "snapshot"]
+    assert findings[0].code == "changes"
     assert result.verdict.verdict == "spoofed" if with_orbits else result.verdict.verdict != "authentic"
 
 

@@ -21,16 +21,16 @@ def judged(folder, **changes):
     navigation = make_navigation(scene)
     write_nav(folder / "nav.rnx", navigation)
     result = protect(write(scene, navigation, folder), nav=folder / "nav.rnx", tracking="vector")
-    return result, [one for one in result.outcome.evidence if one.detector == "vector_sqm"]
+    return result, [item for item in result.outcome.evidence if item.detector == "vector_sqm"]
 
 
 @pytest.mark.long
 def test_the_false_satellite_is_named_and_no_true_one(tmp_path):
     result, said = judged(tmp_path)
     assert said
-    assert all(one.failed and one.data["suspects"] == ("G02 L1 CA a",) for one in said)
-    (method,) = [one for one in result.verdict.methods if one.detector == "vector_sqm"]
-    assert (method.decision, method.p_value) == ("failed", min(one.p_value for one in said))
+    assert all(item.failed and item.data["suspects"] == ("G02 L1 CA a",) for item in said)
+    (method,) = [item for item in result.verdict.methods if item.detector == "vector_sqm"]
+    assert (method.decision, method.p_value) == ("failed", min(item.p_value for item in said))
     assert result.verdict.verdict == "suspect"
     assert all(signal.label not in ("spoofed", "authentic") for signal in result.verdict.signals)
 
@@ -38,9 +38,9 @@ def test_the_false_satellite_is_named_and_no_true_one(tmp_path):
 @pytest.mark.long
 def test_a_clean_sky_of_the_same_satellites_fits(tmp_path):
     scene = scenes.read_ready_made("vector-one-spoofer")
-    sky = scene.sky.model_copy(update={"sats": tuple(one.sat for one in scene.sky.directions)})
+    sky = scene.sky.model_copy(update={"sats": tuple(item.sat for item in scene.sky.directions)})
     _, said = judged(tmp_path, attacks=(), sky=sky)
-    assert [one.says for one in said] == ["clean"] * len(said)
+    assert [item.says for item in said] == ["clean"] * len(said)
     assert said
 
 

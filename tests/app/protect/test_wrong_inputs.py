@@ -40,8 +40,8 @@ def place(receiver, **other):
 
 def judged(folder: Path, tmp_path: Path, positions) -> object:
     receivers = [
-        {"name": one.name, "inputs": [str(folder / f"{one.name}.obs")], "position": position}
-        for one, position in zip((BOW, STERN), positions, strict=True)
+        {"name": item.name, "inputs": [str(folder / f"{item.name}.obs")], "position": position}
+        for item, position in zip((BOW, STERN), positions, strict=True)
     ]
     platform = tmp_path / "platform.toml"
     platform.write_text(tomli_w.dumps({"receivers": receivers}), encoding="utf-8")
@@ -68,8 +68,8 @@ def test_one_position_that_is_wrong_is_named(recorded, tmp_path, wrong, code):
     verdict = judged(recorded[0], tmp_path, [place(BOW), place(STERN, **wrong)])
     assert verdict.verdict == "suspect"
     assert {s.label for s in verdict.signals} <= {"unknown"}
-    named = [one for one in verdict.wrong_statements if one.about in ("position of stern", "antennas_enu_m")]
-    assert code in {one.code for one in named}
+    named = [item for item in verdict.wrong_statements if item.about in ("position of stern", "antennas_enu_m")]
+    assert code in {item.code for item in named}
 
 
 @pytest.mark.parametrize(
@@ -77,10 +77,10 @@ def test_one_position_that_is_wrong_is_named(recorded, tmp_path, wrong, code):
 )
 def test_a_wrong_distance_is_named(recorded, factor, code):
     folder, _ = recorded
-    paths = [folder / f"{one.name}.obs" for one in (BOW, STERN)]
+    paths = [folder / f"{item.name}.obs" for item in (BOW, STERN)]
     verdict = protect(paths, nav=folder / "nav.rnx", antenna_distance_m=factor * APART_M).verdict
     assert verdict.verdict == "suspect"
-    assert code in {one.code for one in verdict.wrong_statements}
+    assert code in {item.code for item in verdict.wrong_statements}
 
 
 @pytest.mark.parametrize("hours", [-1, 1, 9])
@@ -88,14 +88,14 @@ def test_edited_dates_of_some_orbits_leave_those_out(recorded, tmp_path, hours):
     """The times of clock of every second satellite are moved, the times of ephemeris are not."""
     folder, navigation = recorded
     moved = [
-        replace(one, toc=one.toc + 3600.0 * hours) if number % 2 else one
-        for number, one in enumerate(navigation.ephemerides)
+        replace(item, toc=item.toc + 3600.0 * hours) if number % 2 else item
+        for number, item in enumerate(navigation.ephemerides)
     ]
     write_nav(tmp_path / "edited.rnx", replace(navigation, ephemerides=tuple(moved)))
-    paths = [folder / f"{one.name}.obs" for one in (BOW, STERN)]
+    paths = [folder / f"{item.name}.obs" for item in (BOW, STERN)]
     verdict = protect(paths, nav=tmp_path / "edited.rnx", antenna_distance_m=APART_M).verdict
     assert verdict.verdict in ("authentic", "no_attack_seen")
-    (nav,) = (one for one in verdict.inputs if one.path.endswith("edited.rnx"))
+    (nav,) = (item for item in verdict.inputs if item.path.endswith("edited.rnx"))
     assert any("clock" in words for words in nav.all_remarks)
 
 
@@ -106,9 +106,9 @@ def test_satellites_whose_orbits_are_not_usable_are_named(recorded, tmp_path, wr
     kept = [e for e in navigation.ephemerides if wrong == "unhealthy" or e.sat not in out]
     ill = [replace(e, health=63) if e.sat in out else e for e in kept]
     write_nav(tmp_path / "some.rnx", replace(navigation, ephemerides=tuple(ill)))
-    paths = [folder / f"{one.name}.obs" for one in (BOW, STERN)]
+    paths = [folder / f"{item.name}.obs" for item in (BOW, STERN)]
     verdict = protect(paths, nav=tmp_path / "some.rnx", antenna_distance_m=APART_M).verdict
-    (nav,) = (one for one in verdict.inputs if one.path.endswith("some.rnx"))
+    (nav,) = (item for item in verdict.inputs if item.path.endswith("some.rnx"))
     (remark,) = (words for words in nav.all_remarks if wrong in words)
     assert set(re.findall(r"G\d\d", remark)) == set(out) & {s.sat for s in verdict.signals}
 

@@ -290,8 +290,8 @@ def test_measurements_of_a_moment_are_refused_or_left_out(tmp_path: Path) -> Non
 def test_every_ready_made_scene_has_a_sentence_and_can_be_run() -> None:
     assert {"takeover", "clean", "spin"} <= set(load_ready_made())
     listed = json.loads(write_ready_made_json())["scenes"]
-    assert [one["name"] for one in listed] == list(load_ready_made())
-    assert all(one["description"].endswith(".") for one in listed)
+    assert [item["name"] for item in listed] == list(load_ready_made())
+    assert all(item["description"].endswith(".") for item in listed)
     assert load_scenario("takeover").name == "takeover"
 
 

@@ -233,8 +233,10 @@ def test_sums_of_true_and_false_waves_belong_to_no_sky(seed):
     records = array_records(np.random.default_rng(seed), 0.5 * (TRUE + transmitter))
     differing, _ = ArrayCommon().examine(records)
     assert "authentic" in {e.says for e in differing}
-    said, _ = InsArray().examine(records)
-    assert [(e.says, e.failed, e.overrules, len(e.signals)) for e in said] == [("undecided", True, True, len(SIGNALS))]
+    findings, _ = InsArray().examine(records)
+    assert [(e.says, e.failed, e.overrules, len(e.signals)) for e in findings] == [
+        ("undecided", True, True, len(SIGNALS))
+    ]
 
 
 def test_one_transmitter_tells_the_same_at_any_antenna_places():

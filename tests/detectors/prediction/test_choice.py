@@ -98,8 +98,8 @@ def walk(taken, evidence, sets, predictor, others=(), **settings):
             findings=tuple(e for e in evidence if e.start_gpst == start),
             expected={"rx1": predictor},
         )
-        said, state = detector.examine(records, state)
-        found += said
+        findings, state = detector.examine(records, state)
+        found += findings
     return sorted(detector.review(found), key=lambda e: e.start_gpst), state
 
 
@@ -271,9 +271,9 @@ def test_whole_milliseconds_of_a_clock_do_not_matter(led_away):
 
 def test_the_chosen_sky_alone_stays_chosen_and_no_other(led_away):
     last = led_away().invented.at(10.0 * (WINDOWS - 2))
-    for left, expected in ((NEW, set(NEW)), (OLD, set())):
+    for remaining, expected in ((NEW, set(NEW)), (OLD, set())):
         taken = led_away()
-        taken.sets = [s for s in taken.sets if s.gpst < last or s.signals[0].copy == left[0][-1]]
+        taken.sets = [s for s in taken.sets if s.gpst < last or s.signals[0].copy == remaining[0][-1]]
         found = taken.chosen(standing())
         assert after(taken, found, "authentic").get(WINDOWS - 1, set()) == expected
 
@@ -362,7 +362,7 @@ def test_a_false_sky_true_in_all_expected_loses_to_no_mixture(led_away, pushed, 
 def overlapping(taken, apart_m, doubt=3.2e-4, reflected=(1e-6, 1.0), sigma_m=3.0):
     """In every window from the seventh on, two skies at its middle, the true one at home; evidence and true fixes."""
     rng, evidence = np.random.default_rng(7), []
-    for window, one in enumerate(taken.evidence):
+    for window, item in enumerate(taken.evidence):
         shown = []
         for away in (np.zeros(4), apart_m * EAST):
             off = (away + sigma_m * rng.standard_normal(4))[:3]
@@ -376,7 +376,7 @@ def overlapping(taken, apart_m, doubt=3.2e-4, reflected=(1e-6, 1.0), sigma_m=3.0
         order = int(rng.choice([-1, 1]))
         skies = (OverlappingSkies(sets=tuple(shown[::order]), doubt=doubt, reflected=reflected[::order]),)
         says = "attack" if window == 6 else "clean"
-        evidence.append(taken.invented.restate(one, says=says, overlapping=skies if window >= 6 else ()))
+        evidence.append(taken.invented.restate(item, says=says, overlapping=skies if window >= 6 else ()))
     return evidence
 
 

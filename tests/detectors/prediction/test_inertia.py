@@ -98,7 +98,7 @@ def test_a_clean_drive_goes_on_and_says_what_would_be_noticed():
     findings = [e for e in findings if e.code != "not_aligned"]
     assert {(e.says, e.code) for e in findings} == {("clean", "goes_on")}
     jumps_m, sizes_m_s = ([e.noticed[number].size for e in findings] for number in range(2))
-    assert {tuple(one.kind for one in e.noticed) for e in findings} == {("position_jump", "drag")}
+    assert {tuple(item.kind for item in e.noticed) for e in findings} == {("position_jump", "drag")}
     assert max(jumps_m) < 25.0
     assert sizes_m_s[-1] < 0.7 * sizes_m_s[0]  # by navigators that run free for longer
     assert navigator.hidden_m == pytest.approx(10.0 * sum(sizes_m_s[-4:]), rel=0.3)
