@@ -1,7 +1,7 @@
 """Combine several antennas of one receiver: their sum closes the loops, and each is measured beside it.
 
-The antennas share the sampling clock and the oscillator, so that one replica serves all of them. What differs from one
-antenna to the next is the carrier's phase, by the direction that the signal comes from, and by less the code's delay.
+The antennas share the sampling clock and the oscillator, so that one replica serves all of them. From one antenna to
+the next the carrier's phase differs, by the direction that the signal comes from, and much less the code's delay.
 
 The loops follow the sum with the best ratio of signal to noise, each antenna weighted by its amplitude and turned by
 its phase (maximal-ratio combining: Van Trees, Optimum Array Processing, 2.6.1 and 6.2). So a signal is kept as long as
@@ -112,8 +112,8 @@ def measure_antennas(
     before, now : as `measure` takes them; wipe, taps : as it returns them. Phases lie within half a cycle.
     false_hold_probability : that noise passes for a signal in one row.
 
-    With R the signal's energy over the noise density in the block, the phase's sigma is 1 / sqrt(2 R) radians
-    (Kay, Estimation Theory, example 3.4), and noise alone exceeds R with exp(-R).
+    Let R be the signal's energy over the noise density in the block. The phase's sigma is 1 / sqrt(2 R) radians (Kay,
+    Estimation Theory, example 3.4), and noise alone exceeds R with exp(-R).
     """
     per_antenna = np.full((wipe.shape[0], n_antennas, m.N_OWN), np.nan)
     with np.errstate(invalid="ignore"):

@@ -6,7 +6,7 @@ strongest singular vector of antennas by periods. Added with it, the antennas' s
 up to 10 log10(antennas) dB better (maximal-ratio combining: Van Trees, Optimum Array Processing, 6.2), whose code,
 Doppler and bits are found as of any other snapshot. With these every antenna is summed up coherently.
 
-An antenna's phase has the sigma 1 / sqrt(2 R) radians, with R the signal's energy over the noise density in the sum
+Let R be the signal's energy over the noise density in the sum. An antenna's phase has the sigma 1 / sqrt(2 R) radians
 (Kay, Estimation Theory, example 3.4). What remains of the code, the Doppler and the bits is common to all antennas.
 """
 

@@ -4,8 +4,8 @@ White noise makes the sum of `n_sums` powers over its mean a Gamma(n_sums, 1/n_s
 5.3). Cross-correlations with strong signals and coloured noise do not. So every power is put on the scale on which that
 law is the standard exponential, e = -ln Q(m, m x). The tail of the unused codes beyond a high quantile is taken as
 exponential. Its scale is the mean excess, never less than the 1 of white noise. See Coles, An Introduction to
-Statistical Modeling of Extreme Values, 4.2, with shape zero. What was seen up to a few in a hundred thousand is so
-carried to the few in 10^11 of a threshold for the whole search.
+Statistical Modeling of Extreme Values, 4.2, with shape zero. This
+extrapolates from a few in a hundred thousand to the few in 10^11 of a threshold for the whole search.
 
 Counted: it holds on white and coloured noise, on lines, and beside strong signals once they are subtracted. Under
 strong signals it does not. Cross-correlations add different powers to different cells, and an exponential through the

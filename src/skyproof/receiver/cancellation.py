@@ -139,8 +139,8 @@ def separation_chips(
 ) -> float:
     """Estimate how far apart two overlapping signals of one satellite are: joint least squares over both delays.
 
-    Each was measured as if it were alone, or after the other was subtracted. If a signal has a near reflection, and a
-    single one is subtracted, the rest has its top a chip away, where there is no signal.
+    Each was measured as if it were alone, or after the other was subtracted. If a single signal is subtracted from one
+    with a near reflection, the rest has a false top a chip away.
 
     planes : with both in. Amplitudes are free in each code period; both delays within `_FREE_CHIPS` of what is known.
     """

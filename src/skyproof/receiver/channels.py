@@ -180,7 +180,7 @@ def match_lost(
 
     One continues the other if their delays agree after the time between. If they do not, but those of several
     satellites agree once the same time is taken to be missing, samples are missing. They are not if as many signals
-    were held all the time (since when, and their place), as missing samples would have thrown their codes off.
+    were `held` all the time, as missing samples would have thrown their codes off. held : since when, and their place.
     """
     matches: list[LostSignal | None] = [None] * len(found)
     free = list(lost)

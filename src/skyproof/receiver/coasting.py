@@ -1,10 +1,10 @@
 """Coast: loops continue without their signal while it has faded, and close again when it is back.
 
 Two signals of a satellite that overlap beat: their sum vanishes for tenths of a second and longer, and loops closed on
-noise alone wander off. A frame whose prompts have no more power than noise (a Gamma variable, the number of
-prompts its shape) is a fade. The channel then keeps its course: the Doppler and its rate as measured before, moved by
-what all other channels show alike, which is the oscillator and the receiver's own motion as far as it is common. Code
-follows the carrier. When the power is back the loops are closed where they are, and the carrier counts as slipped.
+noise alone wander off. A frame whose prompts have no more power than noise (a Gamma variable, the number of prompts its
+shape) is a fade. The channel then keeps its course: the Doppler and its rate as measured before. The common change of
+all other channels is added: it is the oscillator's, and the common part of the receiver's motion. Code follows the
+carrier. When the power is back the loops are closed where they are, and the carrier counts as slipped.
 """
 
 import numpy as np

@@ -6,9 +6,9 @@ between the two: metres of code by one of equal strength, tens of metres by one 
 (Kaplan & Hegarty, 9.5) whose delay, amplitude and phase are known, since the other signal is tracked as well.
 
 A code period of the other signal is a pulse with the amplitude and phase of its own prompt, data bit included. A tap
-sees parts of two of them, and of each the aperiodic autocorrelation of the code at the distance between the two, behind
-the replica's low-pass. So nothing need be known of data bits. Signals are cleaned of each other in turn, the strongest
-first, each of what remains of the others.
+sees parts of two of them. Each part is the aperiodic autocorrelation of the code at the distance between the two,
+behind the replica's low-pass. So nothing need be known of data bits. Signals are cleaned of each other in turn, the
+strongest first, each of what remains of the others.
 """
 
 import math

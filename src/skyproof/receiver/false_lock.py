@@ -1,9 +1,9 @@
 """Test if a carrier turns within data bits: a phase loop that sums over a bit may hold it half cycles a bit off.
 
 Such a loop cannot tell half a cycle a bit (25 Hz for GPS L1 C/A) from bits that turn over. It holds on, 4 dB down at
-one half cycle a bit and 13.5 dB down at three, and gives a range rate that is 4.8 m/s off for each. The parts of a bit
-show it: the product of each with the one before, conjugated, points along the real axis on a true lock, and turns by
-36 degrees for each half cycle a bit. Student's t of the bits' products tests if it points further
+one half cycle a bit and 13.5 dB down at three. Its range rate is 4.8 m/s off for each half cycle. The parts of a bit
+show it: the product of each with the one before, conjugated, points along the real axis on a true lock. It turns
+by 36 degrees for each half cycle a bit. Student's t of the bits' products tests if it points further
 than half way to the first false lock, whatever the signal's strength and the noise.
 """
 

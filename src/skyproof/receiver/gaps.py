@@ -1,6 +1,6 @@
 """Test if samples are missing: code, carriers and data bits of all signals decide together.
 
-If n code periods are missing, codes do not move, each carrier turns by its frequency times the missing time, and all
+If n code periods are missing, codes do not move. Each carrier turns by its frequency times the missing time, and all
 data bits move by n periods. Every row of measurements is tested for moved bits (`bit_edges`). If none moved, whole bits
 may be missing. Carriers that jump together raise that question, though fades, slips and a second signal in the beam
 make them jump too. The answer is whether they turned by the predicted amount. Missing time that is no whole number of

@@ -2,8 +2,8 @@
 
 The loops' own states are correlated in time. What is measured here is not them but the loop's replica plus what the
 correlators find beside it, fitted over the block: white from block to block, whatever the loops' bandwidths.
-Correlators are summed over a data bit first (as soon as bits are known) and the bits wiped off, so that hardly any
-squaring loss remains; the discriminators are ratios of sums over the whole block.
+Once bits are known, correlators are summed over a data bit first, and the bits wiped off, so that hardly any squaring
+loss remains; the discriminators are ratios of sums over the whole block.
 """
 
 import math

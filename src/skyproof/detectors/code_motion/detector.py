@@ -4,8 +4,8 @@ A receiver that writes neither carrier nor Doppler, or whose signals are torn at
 codes. `laws` compares the position of each epoch with that of the two before. What reflections do to ranges shows in
 the residuals, which set the scale of what is expected; so only a change in which all ranges agree is found.
 
-A position that jumps farther than any platform moves is an attack where no two satellites left out explain it. Where
-they may, and where only the clock jumps (a receiver sets its clock as it likes), the test has failed and the cause is
+A position that jumps farther than any platform moves is an attack where no two satellites left out explain it. If two
+may explain it, or only the clock jumps (a receiver sets its clock as it likes), the test fails and the cause stays
 open.
 
 Signals may be false in one time scale, or one band, alone. So position and clock by each scale, and by the second band

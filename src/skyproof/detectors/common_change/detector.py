@@ -3,8 +3,8 @@
 An attack that lies on the true signals to centimetres breaks nothing and makes no second peak. It still has to move all
 satellites together, and two things show that:
 
-- **code and carrier diverge** on all of them alike, if codes are dragged off and carriers are not (the ionosphere makes
-  them diverge by centimetres a second at most);
+- **code and carrier diverge** on all of them alike, if codes are dragged off and carriers are not. The ionosphere makes
+  them diverge by centimetres a second at most.
 - **all carriers turn** as by a clock, faster than an oscillator of the stated class wanders, and as no motion does.
 
 `continuity` has the same of one moment: steps of code against carrier and of the clock. `levels` has C/N0 and noise.

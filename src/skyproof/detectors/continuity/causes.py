@@ -4,8 +4,8 @@ The clock is left free in all of them, so that any two together explain no more 
 
 - an oscillator steps the clock and its rate, and nothing else;
 - samples that are missing, or recorded twice, step the clock by their length, and the platform moves meanwhile;
-- a recording that is joined from those of several receivers is as rare as the policy says, and its clock continues with
-  the same time and rate by chance only. Each receiver's clock has an error and a rate of its own: if they spread about
+- a recording that is joined from those of several receivers is as rare as the policy says. Its clock continues with the
+  same time and rate by chance only. Each receiver's clock has an error and a rate of its own: if they spread about
   zero with one peak, the density at x is at most 1 / (2 |x|);
 - two channels or satellites fail by any amount: the step is there without any two of them;
 - reflections, interference and orbits change ranges by up to `unrelated_spread_m`, each by an amount of its own. They

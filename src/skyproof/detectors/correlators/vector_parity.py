@@ -2,8 +2,8 @@
 
 In the equilibrium the mean of the discriminators, of code and of phase, is orthogonal to the columns of the geometry
 (20), (21) (paper: see `vector_sqm`). So the whole attack lies in n - 4 dimensions each, B u and B q; noise in the other
-four, and the choice of one satellite, only do harm. What is more, in the linear loop B u is white whatever the loops'
-bandwidths, and stays the same with a navigation filter in place of a snapshot solution.
+four, and the choice of one satellite, only do harm. Moreover, in the linear loop B u is white whatever the loops'
+bandwidths. It is the same with a navigation filter in place of a snapshot solution.
 
 y : (..., 2 (n - 4)), code first, standard normal under the null. `Whitener` makes it of discriminators, which
 first become normal scores: exactly normal at any amplitude, where the plain discriminators of 1 ms have heavy tails.

@@ -1,8 +1,8 @@
 """Check what satellites state of UTC: its whole seconds are known, and the rest is bounded.
 
 GPS time is within a microsecond of UTC but for whole seconds (IS-GPS-200N, 3.3.4); Galileo's and BeiDou's are nearer.
-When leap seconds come is announced half a year before (IERS Bulletin C), so that GPS minus UTC is known for the time of
-every log until then. After it the navigation file says it, or what most satellites of the system say.
+Leap seconds are announced half a year before (IERS Bulletin C). So GPS minus UTC is known for the time of every log
+until then. After it the navigation file says it, or what most satellites of the system say.
 
 A satellite that says otherwise is odd. It may err: in January 2016 fifteen satellites of GPS were 13.7 microseconds
 off.

@@ -12,9 +12,9 @@ One set in each receiver: rejecting "one antenna" proves that not all of them fo
 does. A transmitter that reaches some receivers only shows a baseline of its choice. So the signals are authentic only
 if what is known of the antennas agrees (`known_geometry`). That is their places, their distance, or the baseline of
 windows in which both skies were received. If "one antenna" cannot be rejected, rejecting "antennas so far apart" names
-the signals false. Several sets in each: the pairing with the least contrast is the false one if every other is so much
-worse that it cannot be the false one itself (`one_antenna.ratio_test`, which needs no noise model). The other sets are
-authentic if both this test and the one for "one antenna" agree. Decisions are for whole groups.
+the signals false. Several sets in each: the pairing with the least contrast is the false one if every other is much
+worse, by `one_antenna.ratio_test`, which needs no noise model. The other sets are authentic if both this test and the
+one for "one antenna" agree. Decisions are for whole groups.
 
 The distance of the antennas in windows in which both skies were received holds after them, where none is given: when
 the true sky is drowned, one antenna does not show it (`learnt`).
@@ -26,8 +26,8 @@ A group holds one kind of signal (time scale, band, code; `pairing`): each kind 
 each may be imitated alone. Kinds that show different places are different sets.
 
 Assumed: one transmitter of one false sky, or several that do not act in concert. Nothing is assumed about its place,
-the receivers it reaches, the beginning of the attack, a clock or satellites that receivers share, or the color of the
-noise.
+the receivers it reaches, or the beginning of the attack. Receivers need share neither a clock nor satellites, and the
+noise need not be white.
 """
 
 from collections.abc import Iterator, Sequence

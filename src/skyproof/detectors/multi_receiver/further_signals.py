@@ -2,8 +2,8 @@
 
 A satellite is received once from the sky. Each signal beside those shown to be true is tested against two explanations:
 
-- an echo of the true signal, by how late, strong and fast it is (`second_signals.echoes`), where late is against the
-  range that the true signals predict, so that an early one shows as such;
+- an echo of the true signal, by how late, strong and fast it is (`second_signals.echoes`). The delay counts from the
+  range that the true signals predict, so that an early signal shows as such;
 - a false signal: one of a second consistent set, which unrelated echoes make by chance with a known probability
   (`second_signals.second_sky`), or one of several satellites' that echoes make so rarely that they are not.
 

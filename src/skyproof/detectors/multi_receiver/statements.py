@@ -7,8 +7,8 @@ the same as one captured receiver. So an untrue statement competes with an attac
 - carriers put the antennas into one place, to millimetres: two antennas cannot stand there, one transmitter can;
 - the signals put them farther apart than they may be (`max_separation_m`), and than a decimal point explains.
 
-Only carriers that show one place exclude it if a likely slip in the statement (`gnss.slips`) explains what is shown,
-with one slip for all windows.
+A likely slip in the statement (`gnss.slips`) may explain what all windows show. Then only carriers that show one place
+exclude an untrue statement.
 """
 
 from collections.abc import Iterable

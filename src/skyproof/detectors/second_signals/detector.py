@@ -3,7 +3,7 @@
 Signals of one transmission are compared (satellite, band, code): what a satellite sends on two bands are no two signals
 of it. A satellite counts once, by its most telling second signal: one reflector makes all of them.
 
-A second signal must be clearly apart in delay or Doppler, which near echoes are not, and not much weaker, which the
+A second signal must be clearly apart in delay or Doppler, which near echoes are not. It must not be much weaker, as the
 side lobes of a strong satellite's code are. Of two signals the earlier is taken for the direct one, as an echo is
 late. How rarely an echo is like the other one is the satellite's p-value (`echoes`): how late, how strong over the
 direct one, how strong that is among the others, how fast. A test over all satellites, however many, finds if more of

@@ -15,8 +15,8 @@ Assumed here, on the careful side, without a source. Such channels were measured
   late;
 - the direct signal is blocked 60 % of the time, by about 12 dB with a sigma of 4 dB. It is blocked by no more than it
   lies below the receiver's strongest direct signal, and some dB for antenna gains;
-- a tenth of the echoes come from faces of metal or glass, any level down to 12 dB below the unblocked direct signal
-  being as likely;
+- a tenth of the echoes come from faces of metal or glass. Their levels are equally likely down to 12 dB below the
+  unblocked direct signal;
 - one satellite in a thousand has a second signal that no echo explains.
 
 A false signal may be earlier or later, weaker or stronger, each as likely over wide ranges. Second signals are ordered
