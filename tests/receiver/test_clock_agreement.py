@@ -18,21 +18,21 @@ from skyproof.records import Samples
 PPM = 1e-6
 
 
-def measured_at(wrong_ppm, rate_hz=2.6e6, **front_end):
+def measure_at(wrong_ppm, rate_hz=2.6e6, **front_end):
     """What a survey shows of a clean sky whose rate is given wrong; Dopplers as they are seen at that rate."""
     samples, heard = recorded(rate_hz, **front_end)
     given_hz = samples.rate_hz * (1.0 + wrong_ppm * PPM)
-    for one in heard:
-        one.doppler_hz += wrong_ppm * PPM * (samples.if_hz + one.doppler_hz)
+    for wave in heard:
+        wave.doppler_hz += wrong_ppm * PPM * (samples.if_hz + wave.doppler_hz)
     reported = survey_recorder(replace(samples, rate_hz=given_hz), samples.if_hz, heard)
-    return replace(samples, rate_hz=given_hz), reported, {one.sat: one.doppler_hz for one in heard}
+    return replace(samples, rate_hz=given_hz), reported, {wave.sat: wave.doppler_hz for wave in heard}
 
 
 WRONG_PPM = (-100.0, -30.0, -10.0, -3.0, -1.0, 1.0, 3.0, 10.0, 30.0, 100.0)
 
 
 def check_rate(wrong_ppm, rate_hz, **front_end):
-    samples, reported, dopplers_hz = measured_at(wrong_ppm, rate_hz, **front_end)
+    samples, reported, dopplers_hz = measure_at(wrong_ppm, rate_hz, **front_end)
     apart = estimate_from_survey(reported, dopplers_hz)
     assert apart.certain
     assert not apart.of_carrier
@@ -61,7 +61,7 @@ def test_rates_that_are_given_wrong_are_measured(wrong_ppm, rate_hz, front_end):
 
 
 def test_a_right_rate_is_left_alone():
-    _, reported, dopplers_hz = measured_at(0.0)
+    _, reported, dopplers_hz = measure_at(0.0)
     assert not estimate_from_survey(reported, dopplers_hz).certain
 
 

@@ -47,7 +47,7 @@ def sky(*numbers, place_m=PLACE_M):
     )
 
 
-def said_of(records, **settings):
+def examine_records(records, **settings):
     """What is said of the signals: of each word the signals."""
     evidence, _ = InsArray(InsArraySettings(**settings)).examine(records)
     assert len({e.says for e in evidence}) == len(evidence)
@@ -61,14 +61,14 @@ def with_two_elsewhere():
 
 
 def test_false_signals_are_named_and_the_true_ones_are_not():
-    words, _ = said_of(with_two_elsewhere())
+    words, _ = examine_records(with_two_elsewhere())
     assert words == {"spoofed": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
 
 
 def test_a_satellite_behind_the_transmitter_is_not_authentic():
     direction = TRUE.copy()
     direction[:, 2:5] = direction[:, :1]
-    words, _ = said_of(array_records(np.random.default_rng(8), direction))
+    words, _ = examine_records(array_records(np.random.default_rng(8), direction))
     assert words == {"spoofed": set(SIGNALS[2:5]), "authentic": {SIGNALS[1], *SIGNALS[5:]}}
 
 
@@ -96,7 +96,7 @@ def test_a_signal_that_another_covers_is_not_named(monkeypatch, band, code, apar
     cn0_dbhz = np.full(range_m.shape, 45.0)
     cn0_dbhz[:, 2] -= weaker_db
     observed = SimpleNamespace(receiver="rx1", signals=signals, pseudorange_m=range_m, cn0_dbhz=cn0_dbhz)
-    words, _ = said_of(replace(records, array_phases=phases, observations=(observed,)))
+    words, _ = examine_records(replace(records, array_phases=phases, observations=(observed,)))
     assert words.get("spoofed", set()) == ({signals[2]} if named else set())
     assert {*SIGNALS[:2], *SIGNALS[4:]} <= words["authentic"]
 
@@ -106,9 +106,9 @@ def test_reflections_from_one_direction_leave_the_sky_open(monkeypatch):
     monkeypatch.setattr(late, lambda observations, navigation, place_ecef_m, true, others, **given: frozenset(others))
     direction = TRUE.copy()
     direction[:, 2:4] = direction_cosines(np.radians([40.0, 200.0]), np.radians([-25.0, -60.0]))
-    words, _ = said_of(array_records(np.random.default_rng(8), direction))
+    words, _ = examine_records(array_records(np.random.default_rng(8), direction))
     assert words == {"authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
-    words, evidence = said_of(with_two_elsewhere())
+    words, evidence = examine_records(with_two_elsewhere())
     assert words == {"undecided": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
     (open_still,) = [e for e in evidence if e.says == "undecided"]
     assert (open_still.code, open_still.may_also_be) == ("repeated", (Cause.REFLECTIONS,))
@@ -136,7 +136,7 @@ def test_signals_beside_a_false_one_are_of_its_transmitter(monkeypatch, low):
     records = array_records(np.random.default_rng(8), direction)
     signals = (*SIGNALS[:5], replace(SIGNALS[0], copy="b"), SIGNALS[6], low_satellite() if low else SIGNALS[7])
     phases = tuple(replace(phases, signals=signals) for phases in records.array_phases)
-    words, evidence = said_of(replace(records, array_phases=phases), false_alarm_probability=1e-5)
+    words, evidence = examine_records(replace(records, array_phases=phases), false_alarm_probability=1e-5)
     assert words.get("spoofed", set()) == (set(signals[5:]) if low else set())
     assert words["authentic"] == set(SIGNALS[:5])
     if low:
@@ -147,7 +147,7 @@ def test_signals_beside_a_false_one_are_of_its_transmitter(monkeypatch, low):
 def test_false_directions_are_among_the_directions_given():
     direction = TRUE.copy()
     direction[:, 2:4] = direction_cosines(np.radians(40.0), np.radians(-25.0))  # down is positive in the body
-    _, evidence = said_of(array_records(np.random.default_rng(8), direction))
+    _, evidence = examine_records(array_records(np.random.default_rng(8), direction))
     (spoofed,) = [e for e in evidence if e.says == "spoofed"]
     # Level, north at the first epoch and turned by a degree in each second.
     azimuth_rad, elevation_rad = np.radians(40.0 + 1.5), np.radians(25.0)
@@ -161,7 +161,7 @@ def test_false_directions_are_among_the_directions_given():
 
 def test_one_source_for_all_is_found():
     direction = np.repeat(TRUE[:, :1], len(SIGNALS), axis=1)
-    words, evidence = said_of(array_records(np.random.default_rng(9), direction))
+    words, evidence = examine_records(array_records(np.random.default_rng(9), direction))
     assert words == {"spoofed": set(SIGNALS)}
     assert evidence[0].p_value < 1e-9
 
@@ -170,10 +170,10 @@ def test_without_a_place_the_fitting_sets_place_is_taken():
     covariance = np.tile(np.radians(0.05) ** 2 * np.eye(9), (STATE.gpst.size, 1, 1))
     covariance[:, range(6), range(6)] = np.inf
     records = replace(with_two_elsewhere(), nav_state={"rx1": replace(STATE, covariance=covariance)})
-    words, (said,) = said_of(records)
+    words, (said,) = examine_records(records)
     assert said.code == "no_place"
     far = ecef_from_geodetic(np.radians(-20.0), np.radians(80.0), 0.0)
-    words, _ = said_of(replace(records, sets=(sky(2, 3, place_m=far), sky(0, 1, 4, 5, 6, 7))))
+    words, _ = examine_records(replace(records, sets=(sky(2, 3, place_m=far), sky(0, 1, 4, 5, 6, 7))))
     assert words == {"spoofed": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
 
 
@@ -219,7 +219,7 @@ def test_a_misplaced_antenna_is_told_by_true_signals(false, lines_known):
     direction = TRUE.copy()
     direction[:, :false] = direction_cosines(np.radians(40.0), np.radians(-25.0))
     records = array_records(np.random.default_rng(8), direction)
-    words, evidence = said_of(with_an_antenna_off(records, lines_known=lines_known))
+    words, evidence = examine_records(with_an_antenna_off(records, lines_known=lines_known))
     assert words == {"undecided": set(SIGNALS[false:])} | ({"spoofed": set(SIGNALS[:false])} if false else {})
     (undecided,) = [e for e in evidence if e.says == "undecided"]
     assert (undecided.code, undecided.may_also_be) == ("not_as_stated", (Cause.STATEMENT, Cause.REFLECTIONS))
@@ -255,7 +255,7 @@ def test_unknown_attitude_and_lines_come_from_the_sky_itself():
     records = with_two_elsewhere()
     (phases,) = records.array_phases
     unknown = at_first(replace(phases, phase_cyc=phases.phase_cyc + np.array([0.0, 0.3, -0.2])), calibrated=False)
-    words, _ = said_of(
+    words, _ = examine_records(
         replace(records, array_phases=(unknown,), nav_state={}, sets=(sky(0, 1, 4, 5, 6, 7),)),
     )
     assert words == {"spoofed": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
@@ -265,17 +265,20 @@ def two_skies(seed):
     """Every satellite and, as copy b, one transmitter's signal of each, with lines and attitude not known."""
     beam = np.broadcast_to(direction_cosines(np.radians(40.0), np.radians(-25.0)), TRUE.shape)
     records, false = (array_records(np.random.default_rng(seed), direction) for direction in (TRUE, beam))
-    one, two = (at_first(made.array_phases[0], calibrated=False) for made in (records, false))
-    both = {name: np.concatenate([getattr(one, name), getattr(two, name)], 1) for name in ("phase_cyc", "sigma_cyc")}
-    signals = (*one.signals, *(replace(signal, copy="b") for signal in two.signals))
-    phases = replace(one, signals=signals, carrier_hz=np.tile(one.carrier_hz, 2), **both)
+    true_phases, false_phases = (at_first(made.array_phases[0], calibrated=False) for made in (records, false))
+    cells = {
+        name: np.concatenate([getattr(true_phases, name), getattr(false_phases, name)], 1)
+        for name in ("phase_cyc", "sigma_cyc")
+    }
+    signals = (*true_phases.signals, *(replace(signal, copy="b") for signal in false_phases.signals))
+    phases = replace(true_phases, signals=signals, carrier_hz=np.tile(true_phases.carrier_hz, 2), **cells)
     return replace(records, array_phases=(phases,), nav_state={}, sets=(sky(*range(len(SIGNALS))),))
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_rare_alarms_let_no_false_signal_into_the_fit(seed):
     """A gate of one in 10^9 is so wide that some of the transmitter's signals are within it by chance."""
-    words, _ = said_of(two_skies(seed), false_alarm_probability=1e-8)
+    words, _ = examine_records(two_skies(seed), false_alarm_probability=1e-8)
     copies = {word: {signal.copy for signal in words[word]} for word in ("spoofed", "authentic")}
     assert copies == {"spoofed": {"b"}, "authentic": {"a"}}
     assert min(len(words["authentic"]), len(words["spoofed"])) > 5
@@ -284,5 +287,5 @@ def test_rare_alarms_let_no_false_signal_into_the_fit(seed):
 def test_without_an_ephemeris_of_any_satellite_it_says_so():
     records = array_records(np.random.default_rng(10))
     late = make_nominal_constellation(START + np.timedelta64(40, "D"))
-    (said,), _ = InsArray().examine(Records(**(vars(records) | {"navigation": late})))
-    assert (said.says, said.code) == ("undecided", "no_signal")
+    (finding,), _ = InsArray().examine(Records(**(vars(records) | {"navigation": late})))
+    assert (finding.says, finding.code) == ("undecided", "no_signal")
