@@ -99,7 +99,7 @@ STUDIES = (
     ),
     Study(
         name="ins-array.dead-zone",
-        title="Blocks of the sky with P_D < 0.99",
+        title="Blocks of the sky where detection is below 0.99",
         paper=PAPER,
         figure="Figures 7 and 8",
         run=dead_zones,
@@ -128,7 +128,7 @@ STUDIES = (
     ),
     Study(
         name="ins-array.solid-angle",
-        title="Share of the hemisphere with P_D < 0.99",
+        title="Share of the hemisphere where detection is below 0.99",
         paper=PAPER,
         figure="none",
         run=solid_angle,
@@ -229,7 +229,7 @@ STUDIES = (
                 x="shift_deg",
                 y="p_d",
                 x_label="shift in elevation, deg",
-                y_label="mean P_D",
+                y_label="mean detection probability",
                 by=("test",),
                 where={"baseline": 1.0},
             ),

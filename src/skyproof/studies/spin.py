@@ -241,7 +241,7 @@ STUDIES = (
     ),
     Study(
         name="spin.dead-zone",
-        title="Blocks of the sky with P_D < 0.99",
+        title="Blocks of the sky where detection is below 0.99",
         paper=PAPER,
         figure="Table 1",
         run=dead_zones,
@@ -259,7 +259,7 @@ STUDIES = (
     ),
     Study(
         name="spin.solid-angle",
-        title="Share of the hemisphere with P_D < 0.99",
+        title="Share of the hemisphere where detection is below 0.99",
         paper=PAPER,
         figure="Table 1",
         run=solid_angle,

@@ -52,7 +52,7 @@ PREDICTS = (
 class WordReason:
     """Why the word is no stronger, and what belongs to that, as the document's keys have it.
 
-    of_unexplained : the reason tells of the signals that stay unexplained.
+    of_unexplained : the reason tells of the signals that could not be explained.
     """
 
     reason: str | None
