@@ -16,7 +16,7 @@ from skyproof.gnss.constants import (
     RELATIVITY_F_S_SQRT_M,
     SECONDS_PER_WEEK,
 )
-from skyproof.gnss.ephemeris import GlonassEphemeris, ahead_of_system_s
+from skyproof.gnss.ephemeris import GlonassEphemeris, system_offset_s
 from skyproof.gnss.orbits import SatelliteState
 
 _GPS = (MU_M3_S2, EARTH_ROTATION_RAD_S, RELATIVITY_F_S_SQRT_M)
@@ -57,7 +57,7 @@ def clock_polynomial_s(ephemeris, week, tow_s):
 def _since(week0, second0, sat, week, tow_s):
     """Seconds since second `second0` of `week0` in the time of the satellite's system."""
     week, tow_s = np.asarray(week, np.int64), np.asarray(tow_s, np.float64)
-    return np.asarray((week - week0) * SECONDS_PER_WEEK + (tow_s - second0 - ahead_of_system_s(sat)), np.float64)
+    return np.asarray((week - week0) * SECONDS_PER_WEEK + (tow_s - second0 - system_offset_s(sat)), np.float64)
 
 
 # --- Kepler's form

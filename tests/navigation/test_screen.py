@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skyproof.navigation.fix import fix_and_geometry
-from skyproof.navigation.screen import NUMBERS, screen_fix
+from skyproof.navigation.screen import NUMBERS, reject_misfits
 from skyproof.records import FixStatus
 from skyproof.testing import MeasuredScene, TrackErrors
 
@@ -21,7 +21,7 @@ def fix_of(sats: int, late_m: float = 0.0, first: int = EPOCHS, seed: int = 1, *
     ranges_m = observations.pseudorange_m.copy()
     ranges_m[first:, 0] += late_m
     observations = replace(observations, pseudorange_m=ranges_m)
-    return screen_fix(*fix_and_geometry(observations, records.navigation, multipath_sigma_m=1.0), **options)
+    return reject_misfits(*fix_and_geometry(observations, records.navigation, multipath_sigma_m=1.0), **options)
 
 
 @pytest.mark.parametrize("sats", [4, 5, 8])

@@ -115,7 +115,7 @@ def imu_from_rows(rows: TimedRows, *, rot_body_unit: ArrayLike | None = None) ->
     rotation = np.eye(3) if rot_body_unit is None else np.asarray(rot_body_unit, np.float64)
     return ImuFile(
         source=rows.source,
-        time_ns=_even_times(rows.time_ns[whole], steps, interval_s) if late_s > 0.0 else rows.time_ns[whole],
+        time_ns=_space_times(rows.time_ns[whole], steps, interval_s) if late_s > 0.0 else rows.time_ns[whole],
         dated=rows.dated,
         interval_s=interval_s,
         specific_force_m_s2=force @ rotation.T,
@@ -184,7 +184,7 @@ def _estimate_rate(rows: TimedRows, whole: Indices, late_s: float = 0.0) -> tupl
     return interval_s, steps.astype(np.int64)
 
 
-def _even_times(time_ns: Integers, steps: Integers, interval_s: float) -> Integers:
+def _space_times(time_ns: Integers, steps: Integers, interval_s: float) -> Integers:
     """Times (n,) without the lateness of each: even intervals, which follow the mean over `_EVEN_S`."""
     even_ns = np.append(0, np.cumsum(steps)) * (1e9 * interval_s)
     late_ns = (time_ns - time_ns[0]) - even_ns

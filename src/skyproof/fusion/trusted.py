@@ -11,7 +11,7 @@ from skyproof.fusion.labels import LabelledSignal
 from skyproof.fusion.policy import POLICY
 from skyproof.navigation.fix import fix_and_geometry
 from skyproof.navigation.protection import add_protection
-from skyproof.navigation.screen import empty_epochs, screen_fix
+from skyproof.navigation.screen import empty_epochs, reject_misfits
 from skyproof.records import (
     OBSERVABLES,
     CellStatus,
@@ -88,7 +88,7 @@ def fix_of(
         elevation_mask_deg=elevation_mask_deg,
         false_alarm_probability=POLICY.ordinary_alarm_probability if ordinary else None,
     )
-    kept_fix = screen_fix(found, geometry, with_misfits=ordinary)
+    kept_fix = reject_misfits(found, geometry, with_misfits=ordinary)
     if integrity_risk is None:
         return kept_fix
     levelled = add_protection(kept_fix, geometry, integrity_risk=integrity_risk)

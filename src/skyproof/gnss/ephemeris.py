@@ -105,7 +105,7 @@ class Ephemeris:
     @property
     def reference_gpst(self) -> np.datetime64:
         """Return the time of ephemeris as a GPS instant."""
-        return instant(self.week, self.toe + ahead_of_system_s(self.sat))
+        return instant(self.week, self.toe + system_offset_s(self.sat))
 
     @property
     def healthy(self) -> bool:
@@ -123,7 +123,7 @@ class Ephemeris:
         row[k.WEEK : k.AF2 + 1] = (
             self.week,
             self.toe,
-            ahead_of_system_s(self.sat),
+            system_offset_s(self.sat),
             self.toc_week,
             self.toc,
             self.af0,
@@ -196,7 +196,7 @@ class GlonassEphemeris:
 BroadcastEphemeris = Ephemeris | GlonassEphemeris
 
 
-def ahead_of_system_s(sat: str) -> float:
+def system_offset_s(sat: str) -> float:
     """Return GPS time minus the time of the satellite's system, in whole seconds.
 
     GLONASS's leap seconds count as added.

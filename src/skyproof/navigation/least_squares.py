@@ -19,9 +19,9 @@ __all__ = [
     "compute_line_of_sight",
     "design_matrix",
     "fit_position",
-    "flatten_lead",
     "invert_normal",
     "invert_spd",
+    "merge_lead",
 ]
 
 
@@ -45,7 +45,7 @@ def invert_spd(matrix: Reals, *, smallest_pivot: float = SMALLEST_PIVOT) -> Real
     the diagonal.
     """
     n = matrix.shape[-1]
-    matrices = flatten_lead(matrix, matrix.shape[:-2], n, n)
+    matrices = merge_lead(matrix, matrix.shape[:-2], n, n)
     inverse = np.empty_like(matrices)
     invert_all(matrices, smallest_pivot, inverse)
     return inverse.reshape(matrix.shape)
@@ -63,13 +63,13 @@ def compute_line_of_sight(satellite_ecef_m: Reals, position_ecef_m: Reals) -> tu
     """
     shape = np.broadcast_shapes(satellite_ecef_m.shape[:-2], position_ecef_m.shape[:-1])
     k = satellite_ecef_m.shape[-2]
-    satellite = flatten_lead(satellite_ecef_m, shape, k, 3)
+    satellite = merge_lead(satellite_ecef_m, shape, k, 3)
     turned, unit, distance_m = np.empty(satellite.shape), np.empty(satellite.shape), np.empty(satellite.shape[:2])
-    fill_sights(satellite, flatten_lead(position_ecef_m, shape, 3), turned, unit, distance_m)
+    fill_sights(satellite, merge_lead(position_ecef_m, shape, 3), turned, unit, distance_m)
     return turned.reshape(*shape, k, 3), unit.reshape(*shape, k, 3), distance_m.reshape(*shape, k)
 
 
-def flatten_lead(values: ArrayLike, lead: tuple[int, ...], *own: int) -> Reals:
+def merge_lead(values: ArrayLike, lead: tuple[int, ...], *own: int) -> Reals:
     """Broadcast values to `lead` and `own` axes, with all of `lead` as one axis, as kernels take them.
 
     The result is a copy: a kernel would be compiled again for arrays that cannot be written.
@@ -128,9 +128,9 @@ def fit_position(
     state = np.array(start_m, np.float64).reshape(-1, n)
     covariance, residual_m, step_m = np.empty((len(state), n, n)), np.empty((len(state), k)), np.empty(len(state))
     solve_gauss_newton(
-        flatten_lead(satellite_ecef_m, shape, k, 3),
-        flatten_lead(range_m, shape, k),
-        flatten_lead(weight, shape, k),
+        merge_lead(satellite_ecef_m, shape, k, 3),
+        merge_lead(range_m, shape, k),
+        merge_lead(weight, shape, k),
         np.ones((k, 1)) if clocks is None else np.ascontiguousarray(clocks, np.float64),
         max_steps,
         tolerance_m,

@@ -12,7 +12,7 @@ from skyproof.gnss.orbit_kernels import fill_ranges
 from skyproof.gnss.signals import time_scale_of
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.fit_kernels import fill_delays
-from skyproof.navigation.least_squares import flatten_lead
+from skyproof.navigation.least_squares import merge_lead
 from skyproof.records import Klobuchar, NavigationData, SignalId
 
 __all__ = [
@@ -168,10 +168,10 @@ def compute_atmosphere(
     k = satellite_ecef_m.shape[-2]
     delays = np.empty((math.prod(shape), k, 4))
     fill_delays(
-        flatten_lead(position_ecef_m, shape, 3),
-        flatten_lead(satellite_ecef_m, shape, k, 3),
-        flatten_lead(tow_s, shape),
-        flatten_lead(L1_HZ if carrier_hz is None else carrier_hz, shape, k),
+        merge_lead(position_ecef_m, shape, 3),
+        merge_lead(satellite_ecef_m, shape, k, 3),
+        merge_lead(tow_s, shape),
+        merge_lead(L1_HZ if carrier_hz is None else carrier_hz, shape, k),
         describe_ionosphere(ionosphere, ionosphere_share),
         delays,
     )

@@ -12,7 +12,7 @@ from skyproof.navigation.fix import FixGeometry
 from skyproof.records import Fix, FixStatus
 from skyproof.statistics.distributions import chi_square_survival
 
-__all__ = ["empty_epochs", "screen_fix"]
+__all__ = ["empty_epochs", "reject_misfits"]
 
 MISFIT_PROBABILITY = 1e-6
 """Of rejecting a good fix: rare at ten fixes a second for a day."""
@@ -30,7 +30,7 @@ NUMBERS = (
 )
 
 
-def screen_fix(fix: Fix, geometry: FixGeometry, *, with_misfits: bool = False) -> Fix:
+def reject_misfits(fix: Fix, geometry: FixGeometry, *, with_misfits: bool = False) -> Fix:
     """Empty the epochs of a fix that are no fix.
 
     with_misfits : keep epochs whose residuals fit no one position, wherever a receiver on Earth can be, as a receiver

@@ -12,7 +12,7 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, GLONASS_EARTH_ROTATION_RAD_S, GLONASS_MU_M3_S2
-from skyproof.gnss.ephemeris import Ephemeris, GlonassEphemeris, NavigationData, ahead_of_system_s
+from skyproof.gnss.ephemeris import Ephemeris, GlonassEphemeris, NavigationData, system_offset_s
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.time import gpst as instant
 from skyproof.gnss.time import seconds_between, week_and_tow
@@ -75,7 +75,7 @@ def _compute_slot(walker: _Walker, number: int) -> tuple[float, float]:
 def _make_kepler(system: str, number: int, toe: np.datetime64, like: Ephemeris) -> Ephemeris:
     walker, (node_rad, u_rad) = _WALKER[system], _compute_slot(_WALKER[system], number)
     sat = f"{system}{number + 1:02d}"
-    week, toe_s = week_and_tow(toe - np.timedelta64(round(ahead_of_system_s(sat)), "s"))
+    week, toe_s = week_and_tow(toe - np.timedelta64(round(system_offset_s(sat)), "s"))
     since_s = float(seconds_between(toe, _EPOCH))
     motion_rad_s = (walker.mu_m3_s2 / walker.a_m**3) ** 0.5
     return replace(

@@ -19,7 +19,7 @@ from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.navigation.fix import FixGeometry, fix_and_geometry
 from skyproof.navigation.protection import add_protection
 from skyproof.navigation.raim import fit_whitened
-from skyproof.navigation.screen import screen_fix
+from skyproof.navigation.screen import reject_misfits
 from skyproof.records import Fix, FixStatus, NavigationData, Observations
 from skyproof.report.chart import Axes
 from skyproof.simulator.measurements import draw, make_ideal_measurements
@@ -56,7 +56,7 @@ class _Sky:
         """As trusted fixes are made of smoothed observations: `fusion.trusted.fix_of`."""
         observed = replace(self.exact, pseudorange_m=self.exact.pseudorange_m + error_m)
         found, geometry = fix_and_geometry(observed, self.navigation, multipath_sigma_m=MULTIPATH_M)
-        return screen_fix(found, geometry), geometry
+        return reject_misfits(found, geometry), geometry
 
 
 def rows(settings: StudySettings) -> Iterator[Row]:

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from skyproof.gnss.ephemeris import GEOSTATIONARY, BroadcastEphemeris, Ephemeris, ahead_of_system_s
+from skyproof.gnss.ephemeris import GEOSTATIONARY, BroadcastEphemeris, Ephemeris, system_offset_s
 from skyproof.gnss.lnav import URA_M, fit_interval_h
 from skyproof.gnss.messages.bit_fields import (
     EPHEMERIS_NAMES,
@@ -278,7 +278,7 @@ def read_relayed_orbit(content: bytes, week_near: int) -> RelayedOrbit | None:
         number=number,
         sat=f"{system}{sv:02d}",
         week=find_nearest_week(int(values["week"]) + week_0, week_near, modulus),
-        toe_s=values["toe"] + ahead_of_system_s(system),
+        toe_s=values["toe"] + system_offset_s(system),
         channel=None,
         values=values,
     )
