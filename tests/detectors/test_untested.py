@@ -205,7 +205,7 @@ CASES = {
     ),
     ("residual", "sets_by_chance"): (
         lambda: examine_all(Residual(), first_of_two_skies()),
-        "unrelated signals do as well",
+        "unrelated signals can do so",
     ),
     ("dccaf", "few_grids"): (
         lambda: examine_all(Dccaf(), grids_of(4)),
@@ -213,11 +213,11 @@ CASES = {
     ),
     ("sqm", "no_pair"): (
         lambda: examine_all(Sqm(), with_taps(lambda t: replace(t, delays_chips=t.delays_chips + 0.01))),
-        "no two correlators that stand evenly",
+        "no pair of correlators symmetric",
     ),
     ("sqm", "few_looks"): (
         lambda: examine_all(Sqm(), nulls.take_looks(rng(), n=60)),
-        "60 looks at the correlators of rx1",
+        "60 outputs of the correlators of rx1",
     ),
     ("sqm", "few_signals"): (
         lambda: examine_all(Sqm(), with_taps(lambda t: without_channels(t, 3))),
@@ -228,7 +228,7 @@ CASES = {
             Sqm(),
             with_taps(lambda t: replace(t, signals=(*t.signals[:5], *(replace(s, copy="b") for s in t.signals[:5])))),
         ),
-        "0 of 5 satellites in rx1 have one signal alone",
+        "0 of 5 satellites in rx1 have only one signal",
     ),
     ("vector_sqm", "no_pair"): (
         lambda: examine_all(
@@ -239,11 +239,11 @@ CASES = {
                 nulls.with_vector_taps(rng()),
             ),
         ),
-        "no early and late within a chip",
+        "no early and late correlators within a chip",
     ),
     ("vector_sqm", "no_position"): (
         lambda: examine_all(VectorSqm(), with_cells(nulls.with_vector_taps(rng()), pseudorange_m=nothing)),
-        "have ranges and orbits: no position",
+        "have ranges and orbits, so there is no position",
     ),
     ("vector_sqm", "few_satellites"): (
         lambda: examine_all(
@@ -257,7 +257,7 @@ CASES = {
     ),
     ("vector_sqm", "few_looks"): (
         lambda: examine_all(VectorSqm(), nulls.with_vector_taps(rng(), n=12)),
-        "12 looks at the 8 channels",
+        "the 8 channels of rx1 have 12 common outputs",
     ),
     ("array_common", "few_antennas"): (
         lambda: examine_all(ArrayCommon(), with_phases(one_antenna)),
@@ -271,11 +271,11 @@ CASES = {
         lambda: examine_all(
             ArrayCommon(ArrayCommonSettings(1e-6)), with_phases(lambda p: p, nulls.somewhere(rng(), 2))
         ),
-        "too near to each other to tell their directions apart",
+        "are too close to tell apart",
     ),
     ("array_common", "two_skies"): (
         lambda: examine_all(ArrayCommon(), replace(with_phases(lambda p: p), sets=clean(false=(FalseSky(),)).sets)),
-        "but they are two skies",
+        "but they form two skies",
     ),
     ("ins_array", "few_antennas"): (
         lambda: examine_all(
@@ -285,7 +285,7 @@ CASES = {
     ),
     ("ins_array", "no_place"): (
         lambda: examine_all(InsArray(), replace(nulls.array_records(rng()), nav_state={})),
-        "nothing says where rx1 is",
+        "the place of rx1 is not known",
     ),
     ("ins_array", "no_signal"): (
         lambda: examine_all(InsArray(), replace(nulls.array_records(rng()), navigation=NavigationData(ephemerides=()))),
@@ -293,14 +293,14 @@ CASES = {
     ),
     ("spin", "no_arm"): (
         lambda: examine_all(Spin(), replace(turning(), spin_arms=(replace(nulls.ARM, receiver="rx2"),))),
-        "no receiver of the window is on an arm",
+        "the window has no receiver on an arm",
     ),
     ("spin", "few_signals"): (
         lambda: examine_all(Spin(), turning(signals=1)),
         "1 signals of rx1 have an unbroken phase",
     ),
     ("spin", "few_epochs"): (lambda: examine_all(Spin(), turning(n=5)), "5 epochs of rx1 are too few"),
-    ("spin", "phases_bent"): (lambda: examine_all(Spin(), turning(bent=2)), "are not of one direction each"),
+    ("spin", "phases_bent"): (lambda: examine_all(Spin(), turning(bent=2)), "do not fit one direction each"),
     ("second_signals", "no_cn0"): (
         lambda: examine_all(SecondSignals(), with_cells(clean(), cn0_dbhz=nothing)),
         "rx1 gives no C/N0",
@@ -311,7 +311,7 @@ CASES = {
     ),
     ("second_signals", "delay_unknown"): (
         lambda: examine_all(SecondSignals(), open_delays()),
-        "the delay between them is not known yet",
+        "the delay between the two signals of",
     ),
     ("common_change", "few_satellites"): (
         lambda: examine_all(CommonChange(), clean(max_satellites=4)),
@@ -327,11 +327,11 @@ CASES = {
             bare := with_cells(clean(), cn0_dbhz=nothing, carrier_cyc=nothing),
             later(bare, 10.0),
         ),
-        "have code and carrier both now and before",
+        "have code and carrier both now and in earlier windows",
     ),
     ("code_motion", "received_twice"): (
         lambda: examine_all(CodeMotion(), clean(false=(FalseSky(),))),
-        "a satellite is received twice in rx1",
+        "rx1 receives a satellite twice",
     ),
     ("code_motion", "few_fixes"): (
         lambda: examine_all(CodeMotion(), clean(max_satellites=4)),
@@ -343,16 +343,16 @@ CASES = {
     ),
     ("messages", "no_message"): (
         lambda: examine_all(BroadcastMessages(), replace(clean(), sets=())),
-        "no message of rx1 is known",
+        "rx1 gives no broadcast message",
     ),
-    ("known_place", "no_place"): (lambda: examine_all(CodesAtPlace(), clean()), "it is not known where rx1 stands"),
+    ("known_place", "no_place"): (lambda: examine_all(CodesAtPlace(), clean()), "the place of rx1 is not known"),
     ("known_place", "fixed"): (
         lambda: examine_all(CodesAtPlace(STANDING), clean()),
-        "the satellites of rx1 give a position, which is tested itself",
+        "the satellites of rx1 give a position, which other tests check",
     ),
     ("known_place", "received_twice"): (
         lambda: examine_all(CodesAtPlace(AT_PLACE), replace(clean(false=(FalseSky(),)), sets=())),
-        "no satellite is received in rx1, or one twice",
+        "rx1 receives no satellite, or one twice",
     ),
     ("known_place", "few_satellites"): (
         lambda: examine_all(CodesAtPlace(AT_PLACE), replace(orbits_of(clean(), 2), sets=())),
@@ -360,11 +360,11 @@ CASES = {
     ),
     ("snapshot", "long"): (
         lambda: examine_all(Snapshots(), clean()),
-        "rx1 is no snapshot: its measurements show whether",
+        "rx1 is no snapshot, so other tests check",
     ),
     ("torn", "received_twice"): (
         lambda: examine_all(Torn(), clean(false=(FalseSky(),))),
-        "a satellite is received twice in rx1",
+        "rx1 receives a satellite twice",
     ),
     ("bands", "one_band"): (lambda: examine_all(Bands(), clean()), "satellites of rx1 have codes of two bands"),
     ("code_carrier", "no_carrier"): (
