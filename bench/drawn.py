@@ -35,7 +35,7 @@ from skyproof.simulator.files import write_samples
 from skyproof.studies.protection.errors import compare_with_truth
 from skyproof.studies.random_scenes import BuiltScene, DrawnScene, build_scene, draw_scene, stated_sigma_m
 from skyproof.studies.receiver_model import ChannelNoise, KnownReception, add_truth, model_receptions, true_offset_s
-from skyproof.verdict import WORDS, word_shown
+from skyproof.verdict import WORDS, write_word
 
 WRONG_BOUNDS = 3.0
 FOLLOWED_S = 5.0
@@ -274,7 +274,7 @@ def table(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
 
 def _counts(part: Sequence[dict[str, Any]]) -> str:
     counts = Counter(row["verdict"] for row in part)
-    words = ", ".join(f"{word_shown(word)} {counts[word]:3d}" for word in reversed(WORDS))
+    words = ", ".join(f"{write_word(word)} {counts[word]:3d}" for word in reversed(WORDS))
     each = [item for row in part for item in row["each"]]
     fixes, beyond = sum(item["fixes"] for item in each), sum(item.get("beyond", 0) for item in each)
     return (

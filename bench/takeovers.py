@@ -47,7 +47,7 @@ from skyproof.simulator.sky import make_scene
 from skyproof.studies.correlator_model import protect_scene
 from skyproof.studies.protection.errors import fix_errors
 from skyproof.studies.receiver_model import ChannelNoise, model_receptions
-from skyproof.verdict import WORDS, Verdict, word_shown
+from skyproof.verdict import WORDS, Verdict, write_word
 
 SEED = 7
 WRONG_BOUNDS = 3.0
@@ -397,7 +397,7 @@ def table(rows: Iterable[Mapping[str, Any]]) -> Iterator[str]:
 def _counts(part: Sequence[Mapping[str, Any]]) -> str:
     counts = Counter(row["verdict"] for row in part)
     named = [row for row in part if row["word_s"] is not None]
-    words = f"{len(part):3d}: " + ", ".join(f"{word_shown(word)} {counts[word]:2d}" for word in reversed(WORDS))
+    words = f"{len(part):3d}: " + ", ".join(f"{write_word(word)} {counts[word]:2d}" for word in reversed(WORDS))
     if named:
         s, m = (np.median([row[key] for row in named]) for key in ("word_s", "word_m"))
         words += f"; word in {len(named)}, median {s:.0f} s and {m:.0f} m after the pull's start"

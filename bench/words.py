@@ -27,7 +27,7 @@ from skyproof.simulator.attacks import Interference
 from skyproof.simulator.sites import Site
 from skyproof.simulator.sky import make_scene
 from skyproof.studies.random_scenes import BuiltScene, DrawnScene, build_scene, draw_scene
-from skyproof.verdict import WORDS, word_shown
+from skyproof.verdict import WORDS, write_word
 
 CLEAN: Final = ("plain", "reflections", "jammed")
 FAR_M: Final = 100.0
@@ -99,7 +99,7 @@ def _away(drawn: DrawnScene, distance_m: float, bearing_rad: float) -> Site:
 
 def table(rows: Sequence[Row]) -> Iterator[str]:
     """A line for each equipment and kind of scene: shares of the words, and how many runs each test made suspect."""
-    yield f"| equipment | scenes | runs | {' | '.join(word_shown(word) for word in reversed(WORDS))} | suspect by |"
+    yield f"| equipment | scenes | runs | {' | '.join(write_word(word) for word in reversed(WORDS))} | suspect by |"
     yield f"|---|---|---{'|---' * len(WORDS)}|---|"
     for equipment in EQUIPMENT:
         for group in GROUPS:

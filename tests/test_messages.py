@@ -26,7 +26,7 @@ from skyproof.detectors.array.array_common import ArrayCommonSettings
 from skyproof.detectors.array.ins_array import InsArraySettings
 from skyproof.detectors.array.spin import SpinSettings
 from skyproof.detectors.second_signals.detector import SecondSignalsSettings
-from skyproof.errors import InputError, NotEnoughData, OutputError, ScenarioError, SettingsError, fault_words
+from skyproof.errors import InputError, NotEnoughData, OutputError, ScenarioError, SettingsError, describe_fault
 from skyproof.formats import byte_io, sigmf
 from skyproof.formats.atomic_write import OutputStep, write_in_turn
 from skyproof.formats.crinex import expand
@@ -287,7 +287,7 @@ def faults_of(content: Any) -> list[str]:
     try:
         Whole.model_validate(content, strict=True)
     except ValidationError as error:
-        return [fault_words(".".join(map(str, fault["loc"])), fault) for fault in error.errors()]
+        return [describe_fault(".".join(map(str, fault["loc"])), fault) for fault in error.errors()]
     return []
 
 

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from skyproof import cli
 from skyproof.cli.screen import print_table, table
-from skyproof.errors import readable
+from skyproof.errors import make_readable
 
 
 def ended(redirections: str, *arguments: str, encoding: str = "utf-8") -> tuple[int, bytes, str]:
@@ -85,10 +85,10 @@ def test_a_name_does_not_command_the_terminal(capsys):
 
 @given(st.text(st.characters()))
 def test_what_is_readable_has_no_sign_that_is_not(text):
-    result = readable(text)
+    result = make_readable(text)
     assert result.replace("\n", "").isprintable()
     result.encode()
-    assert readable(result) == result
+    assert make_readable(result) == result
     assert result == text or not text.replace("\n", "").isprintable()
 
 

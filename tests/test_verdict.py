@@ -10,8 +10,8 @@ import pytest
 from pydantic import ValidationError
 
 from skyproof import records, verdict
-from skyproof.short_repr import notebook_html
-from skyproof.verdict import CAUSES, Verdict, word_shown
+from skyproof.short_repr import write_notebook_html
+from skyproof.verdict import CAUSES, Verdict, write_word
 
 SAMPLE = json.loads((Path(__file__).parent / "formats" / "verdict-sample.json").read_text(encoding="utf-8"))
 Document = dict[str, Any]
@@ -116,7 +116,7 @@ def test_a_suspicion_shows_its_reason_and_what_else_it_may_be() -> None:
 def test_no_attack_seen_is_shown_with_blanks_and_its_limits() -> None:
     changes = {"verdict": "no_attack_seen", "reason": "one receiver", "not_excluded": ["a false sky", "a slow drag"]}
     result = Verdict.model_validate(SAMPLE | changes)._repr_html_()
-    assert word_shown("no_attack_seen").capitalize() in result
+    assert write_word("no_attack_seen").capitalize() in result
     assert f": {'; '.join(changes['not_excluded'])}." in result
     assert "no_attack_seen" not in result
 
@@ -126,7 +126,7 @@ def test_every_benign_cause_of_the_records_has_words() -> None:
 
 
 def test_a_notebook_shows_names_and_runs_nothing() -> None:
-    result = notebook_html("<b>", ["a & <script>"], (("<i>",), [("<img>",)]), (("empty",), []))
+    result = write_notebook_html("<b>", ["a & <script>"], (("<i>",), [("<img>",)]), (("empty",), []))
     assert "&lt;b&gt;" in result
     assert "a &amp; &lt;script&gt;" in result
     assert not any(tag in result for tag in ("<b>", "<script", "<i>", "<img", "empty"))

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator
 
-from skyproof.report.chart import Axes, chart_svg
+from skyproof.report.chart import Axes, draw_chart_svg
 
 __all__ = ["UNBUILT", "chart_of", "charts_in"]
 
@@ -34,7 +34,7 @@ def chart_of(what: str, table: str) -> str:
         if (found := NUMBER.search(cells[k]))
     ]
     axes = Axes(title=title, x="x", y="y", x_label=x_label, y_label=y_label, by=("of",), y_log="log" in more)
-    return str(chart_svg(rows, [axes]))
+    return str(draw_chart_svg(rows, [axes]))
 
 
 def _cells(line: str) -> list[str]:

@@ -19,12 +19,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from skyproof.report.chart import chart_svg
+from skyproof.report.chart import draw_chart_svg
 from skyproof.simulator.scenes import read_ready_made
 from skyproof.studies.base import StudySettings
 from skyproof.studies.protection import matrix
 from skyproof.studies.protection.equipment import EQUIPMENT
-from skyproof.verdict import WORDS, word_shown
+from skyproof.verdict import WORDS, write_word
 
 Row = Mapping[str, Any]
 PICTURE: Final = "protection.svg"
@@ -96,7 +96,7 @@ def sums(rows: Sequence[Row]) -> Iterator[str]:
     missed = sum(row["verdict"] == "authentic" or row["no_sign"] for row in attacked)
     false = sum(row["verdict"] == "spoofed" for row in good) - told
     others = Counter(row["verdict"] for row in attacked if row["verdict"] not in ("spoofed", "authentic"))
-    words = ", ".join(f"{others[word]} *{word_shown(word)}*" for word in (*WORDS, *BEFORE) if others[word])
+    words = ", ".join(f"{others[word]} *{write_word(word)}*" for word in (*WORDS, *BEFORE) if others[word])
     yield f"- With an attack: {told} of {len(attacked)} cells *spoofed*, {missed} *authentic*, {words or 'no others'}."
     yield f"- Without one: {false} of {len(good) - len(attacked)} cells *spoofed*."
     yield f"- Trusted fixes off by more than three of their 95 % bounds: {_sum(good, 'wrong_fixes')}."
@@ -132,7 +132,7 @@ def levels(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def hours(rows: Sequence[Row]) -> Iterator[str]:
-    words = [word_shown(word) for word in (*WORDS, *BEFORE) if any(word in row for row in rows)]
+    words = [write_word(word) for word in (*WORDS, *BEFORE) if any(word in row for row in rows)]
     names = ("equipment", "runs", "hours", *words, "false alarms", "at most an hour", "wrong labels", "wrong fixes")
     yield "## Hours without an attack"
     yield ""
@@ -152,7 +152,7 @@ def page(rows: Sequence[Row], others: Sequence[str]) -> str:
     head = HEAD.format(
         version=version("skyproof"),
         date=datetime.now(UTC).date(),
-        letters=", ".join(f"**{letter}** {word_shown(word)}" for word, letter in LETTERS.items()),
+        letters=", ".join(f"**{letter}** {write_word(word)}" for word, letter in LETTERS.items()),
         before=PARTED if any(row.get("verdict") in BEFORE for row in rows) else "",
         cells=f"{there} of {possible} cells" if there < possible else f"all {possible} cells",
     )
@@ -165,7 +165,7 @@ def main() -> None:
     if more:
         bins, clean = map(_rows, more)
         others = [*levels(bins), "", *hours(clean)]
-        (written.parent / PICTURE).write_text(chart_svg(bins, CHARTS), encoding="utf-8")
+        (written.parent / PICTURE).write_text(draw_chart_svg(bins, CHARTS), encoding="utf-8")
     else:
         before = written.read_text(encoding="utf-8").rstrip().splitlines()
         others = before[before.index(LEVELS_TITLE) :]

@@ -10,7 +10,7 @@
     labelled = sp.to_xarray(observations)  # needs skyproof[xarray]
 
 The vocabulary is `skyproof.records` and `skyproof.verdict`. Frames are ECEF WGS-84, instants are GPS time as
-numpy.datetime64[ns], angles are radians inside and degrees where a name says so, units stand in the names.
+numpy.datetime64[ns], angles are radians inside and degrees where a name ends in _deg, units stand in the names.
 """
 
 from importlib import import_module

@@ -2,7 +2,7 @@
 
 It is read where setup left it, beside the source, also where nothing may be written; what was not compiled there is
 kept in the user's own cache folder ($NUMBA_CACHE_DIR, if set, comes before both), and where that cannot be written
-either, it is compiled in each run anew. Numba's own caching refuses all work where it may not write, and does not read
+either, it is compiled again in each run. Numba's own caching refuses all work where it may not write, and does not read
 what it may not write. What is compiled while somebody waits goes to the log, once that takes seconds.
 """
 
@@ -23,19 +23,30 @@ from numba.core.caching import (
     UserWideCacheLocator,
 )
 
-__all__ = ["LOG", "compiled", "explain_not_kept", "is_kept", "kernels_in", "on_compiled", "threads", "writable_folder"]
+__all__ = [
+    "LOG",
+    "compiled",
+    "count_threads",
+    "explain_not_kept",
+    "is_kept",
+    "kernels_in",
+    "on_compiled",
+    "writable_folder",
+]
 
 LOG: Final = logging.getLogger("skyproof")
-"""For what a person waits for and nobody asked about: standard error, unless it is turned elsewhere."""
+"""For what a person waits for and no one asked about: standard error, unless it is turned elsewhere."""
 SILENT_S: Final = 3.0
 """Of compiling, before it is reported; then every `EVERY_S`."""
 EVERY_S: Final = 10.0
 _KERNELS: dict[str, Any] = {}
 
 
-def threads() -> int:
-    """How many threads a process of ours starts for one job: as many as the cores that it may use, or as
-    $SKYPROOF_THREADS says, where many processes share the cores. What they compute does not depend on it.
+def count_threads() -> int:
+    """Count the threads that a process starts for one job.
+
+    As many as the cores that it may use, or as $SKYPROOF_THREADS gives, where many processes share the cores. What they
+    compute does not depend on it.
     """
     if (asked := os.environ.get("SKYPROOF_THREADS", "")).isdecimal():
         return max(int(asked), 1)
@@ -43,7 +54,7 @@ def threads() -> int:
 
 
 def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
-    """Decorator `@compiled` or `@compiled(fastmath=...)`: a kernel that holds no lock while it runs.
+    """Compile a function to a kernel without a lock: `@compiled` or `@compiled(fastmath=...)`.
 
     options : of `numba.njit`.
     """
@@ -74,7 +85,7 @@ def writable_folder(kernel: Any) -> Path | None:
 
 
 def on_compiled(listener: Callable[[str], None]) -> None:
-    """Call `listener` with the full name of each kernel that this process compiles from now on."""
+    """Register `listener` for the full name of each kernel that this process compiles from now on."""
     _ACCOUNT.listeners.append(listener)
 
 
@@ -96,7 +107,7 @@ class _Account:
         self._open.append(name)
 
     def end(self, name: str, lost_to: str) -> None:
-        """lost_to : the places that did not take it; empty if it is kept."""
+        """Note the end of a kernel's compilation."""
         now_s = time.monotonic()
         if name in self._open:  # what failed to compile has no end
             del self._open[self._open.index(name) :]
@@ -111,7 +122,7 @@ class _Account:
             LOG.warning("kernels compiled: %d, in %.0f s so far%s", self._count, spent_s, self.explain(lost_to))
 
     def explain(self, places: str) -> str:
-        """Return why kernels are compiled in each run anew, the first time; nothing if they are not."""
+        """Return why kernels are compiled again in each run, the first time; nothing if they are not."""
         if not places or self._explained:
             return ""
         self._explained = True
@@ -122,12 +133,12 @@ _ACCOUNT: Final = _Account()
 
 
 def explain_not_kept(kernel: Any) -> str:
-    """Return why a kernel is compiled in each run anew, for a sentence that says what that costs; once a process."""
+    """Return why a kernel is compiled again in each run, for a sentence that says what that costs; once a process."""
     return _ACCOUNT.explain(kernel._cache.places)
 
 
 def _not_kept_words(places: str) -> str:
-    """Return why kernels are compiled in each run anew."""
+    """Return why kernels are compiled again in each run."""
     return (
         f", in this process only, for {places} cannot be written; set NUMBA_CACHE_DIR to a folder that can be, and the "
         "next run need not wait"
@@ -150,13 +161,13 @@ class _OfUser(_Unwritten, UserWideCacheLocator):
     pass
 
 
-def _kept_by(locator: type) -> type:
-    """Numba's cache of a function's machine code, in the one place that `locator` knows."""
+def _cache_in(locator: type) -> type:
+    """Build Numba's cache of a function's machine code in the one place that `locator` knows."""
     places = type("_Impl", (CompileResultCacheImpl,), {"_locator_classes": [locator]})
     return type("_Kept", (FunctionCache,), {"_impl_class": places})
 
 
-_PLACES: Final = tuple(map(_kept_by, (UserProvidedCacheLocator, _BesideSource, _OfUser)))
+_PLACES: Final = tuple(map(_cache_in, (UserProvidedCacheLocator, _BesideSource, _OfUser)))
 
 
 class _Cache(NullCache):
@@ -176,7 +187,7 @@ class _Cache(NullCache):
         return self._kept[0].cache_path if self._kept else None
 
     def is_kept(self, machine: Any) -> bool:
-        """Whether there is machine code of any signature for a machine, as Numba names it."""
+        """Test whether there is machine code of any signature for a machine, as Numba names it."""
         for kept in self._kept:
             try:
                 index = kept._cache_file._load_index()
@@ -187,7 +198,7 @@ class _Cache(NullCache):
         return False
 
     def writable_folder(self) -> str | None:
-        """The first place that takes a file."""
+        """Return the first place that takes a file."""
         for kept in self._kept:
             try:
                 kept._impl.locator.ensure_cache_path()
@@ -198,7 +209,7 @@ class _Cache(NullCache):
 
     @property
     def places(self) -> str:
-        """All of them, in words."""
+        """Name all places."""
         return " and ".join(str(kept.cache_path) for kept in self._kept) or "nothing"
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:

@@ -24,11 +24,11 @@ __all__ = [
     "ScenarioError",
     "SettingsError",
     "SkyproofError",
-    "fault_words",
-    "readable",
+    "describe_fault",
+    "make_readable",
     "require_probability",
-    "shortened",
-    "shown",
+    "shorten",
+    "write_value",
 ]
 
 _LONGEST: Final = 60
@@ -88,21 +88,22 @@ class NotEnoughData(SkyproofError):
     """The input is readable, but too little or too poor to work on."""
 
 
-def shortened(text: str, longest: int = _LONGEST) -> str:
-    """A text of at most so many characters: of a longer one the beginning, and "..."."""
+def shorten(text: str, longest: int = _LONGEST) -> str:
+    """Shorten a text to so many characters, ending in "..."."""
     return text if len(text) <= longest else f"{text[: longest - 3]}..."
 
 
-def readable(text: str) -> str:
-    """A text with what no person can read as escapes: control characters, which would command a terminal, and bytes of
-    a file name that are not UTF-8 (Python holds them as lone surrogates, which no document takes).
+def make_readable(text: str) -> str:
+    """Escape what no person can read: control characters, and bytes of a name that are not UTF-8.
+
+    Control characters would command a terminal. Python holds such bytes as lone surrogates, which no document takes.
     """
     if text.isprintable():
         return text
-    return "".join(sign if sign.isprintable() or sign == "\n" else _escaped(sign) for sign in text)
+    return "".join(sign if sign.isprintable() or sign == "\n" else _escape(sign) for sign in text)
 
 
-def _escaped(sign: str) -> str:
+def _escape(sign: str) -> str:
     code = ord(sign)
     if 0xDC80 <= code <= 0xDCFF:
         return f"\\x{code - 0xDC00:02x}"
@@ -115,15 +116,15 @@ def require_probability(owner: str, name: str, value: float) -> None:
         raise SettingsError(f"{owner}: {name} is {value}, expected above 0 and below 1; give one such as 0.001")
 
 
-def fault_words(place: str, fault: Mapping[str, Any]) -> str:
-    """One fault that Pydantic found, with what came and what was expected.
+def describe_fault(place: str, fault: Mapping[str, Any]) -> str:
+    """Describe one fault that Pydantic found, with what came and what was expected.
 
     Parameters
     ----------
     place : the path of the key, as it stands in the file; empty for the whole.
     fault : a member of the list that `ValidationError.errors()` gives.
     """
-    place = shortened(place)
+    place = shorten(place)
     kind, message = str(fault["type"]), str(fault["msg"]).removeprefix("Value error, ")
     if kind == "missing":
         return f"{place} is missing"
@@ -134,13 +135,13 @@ def fault_words(place: str, fault: Mapping[str, Any]) -> str:
     expected = next((words.format(float(context[key])) for key, words in _BOUNDS.items() if key in context), "")
     expected = expected or next((words for begin, words in _KINDS.items() if kind.startswith(begin)), "")
     if kind in ("float_type", "int_type") and isinstance(fault["input"], str) and _is_number(fault["input"]):
-        expected += f" without quotes: {shortened(fault['input'])}"
+        expected += f" without quotes: {shorten(fault['input'])}"
     if not expected and message.startswith("Input should be "):
         expected = message.removeprefix("Input should be ")
     if not expected:
         return f"{place}: {message}" if place else message
     came = fault["input"]
-    return f"{place or 'the whole'} = {shown(came)}, expected {expected}"
+    return f"{place or 'the whole'} = {write_value(came)}, expected {expected}"
 
 
 def _is_number(text: str) -> bool:
@@ -150,10 +151,10 @@ def _is_number(text: str) -> bool:
         return False
 
 
-def shown(value: object) -> str:
-    """A value as it stands in a file, shortened."""
+def write_value(value: object) -> str:
+    """Write a value as it stands in a file, shortened."""
     try:
         text = f'"{value}"' if isinstance(value, str) else str(value)
     except ValueError:  # a whole number of thousands of digits
         return "a number of thousands of digits"
-    return shortened(text.lower() if isinstance(value, bool) else text)
+    return shorten(text.lower() if isinstance(value, bool) else text)

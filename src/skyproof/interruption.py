@@ -1,6 +1,6 @@
 """Ctrl-C, SIGTERM and SIGHUP: one wish that a run ends early, heard in one place.
 
-The first signal raises KeyboardInterrupt where nothing is lost by it. In a block `deferred` it is only noted: loops ask
+The first signal raises KeyboardInterrupt where nothing is lost by it. In a block `defer` it is only noted: loops ask
 `watch` between two steps and end there, so that nothing is left half done. The second one raises `Stopped`, and the
 third one kills.
 """
@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager
 from types import FrameType
 from typing import Final
 
-__all__ = ["ENDING", "Stopped", "came", "deferred", "heard", "interrupted_code", "listening", "watch"]
+__all__ = ["ENDING", "Stopped", "defer", "get_exit_code", "has_come", "listen", "raise_at_signal", "watch"]
 
 ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """What a terminal, a service manager or a scheduler sends to end a program."""
@@ -25,7 +25,7 @@ pressed by a person and always counts."""
 
 
 class Stopped(BaseException):
-    """A second signal: everything ends here. Nobody who makes use of what a first signal left may catch it."""
+    """A second signal: everything ends here. Code that uses what a first signal left must not catch it."""
 
 
 class _State:
@@ -59,8 +59,8 @@ def _is_main() -> bool:
 
 
 @contextmanager
-def listening(*numbers: signal.Signals) -> Iterator[None]:
-    """Hear the signals during the block; one that the process ignores, as under `nohup`, stays ignored.
+def listen(*numbers: signal.Signals) -> Iterator[None]:
+    """Listen to the signals during the block; an ignored one, as under `nohup`, stays ignored.
 
     Does nothing within another such block, or in another thread than the main one, which hears no signals.
     """
@@ -81,24 +81,27 @@ def listening(*numbers: signal.Signals) -> Iterator[None]:
 
 
 @contextmanager
-def deferred() -> Iterator[None]:
-    """Note a first signal during the block, in place of raising KeyboardInterrupt; hear Ctrl-C if nobody listens."""
+def defer() -> Iterator[None]:
+    """Note a first signal during the block, in place of raising KeyboardInterrupt.
+
+    Hears Ctrl-C if no other block listens.
+    """
     with ExitStack() as stack:
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            stack.enter_context(listening(signal.SIGINT))
-        stack.enter_context(_deferring(True))
+            stack.enter_context(listen(signal.SIGINT))
+        stack.enter_context(_set_deferring(True))
         yield
 
 
 @contextmanager
-def heard() -> Iterator[None]:
-    """Raise KeyboardInterrupt at a first signal during the block, also within a block `deferred`."""
-    with _deferring(False):
+def raise_at_signal() -> Iterator[None]:
+    """Raise KeyboardInterrupt at a first signal during the block, also within a block `defer`."""
+    with _set_deferring(False):
         yield
 
 
 @contextmanager
-def _deferring(defers: bool) -> Iterator[None]:
+def _set_deferring(defers: bool) -> Iterator[None]:
     if not _is_main():
         yield
         return
@@ -111,15 +114,15 @@ def _deferring(defers: bool) -> Iterator[None]:
 
 def watch() -> Callable[[], bool]:
     """Return a function that says whether a first signal was heard since now."""
-    earlier = came()
-    return lambda: came() and not earlier
+    earlier = has_come()
+    return lambda: has_come() and not earlier
 
 
-def came() -> bool:
-    """Whether a signal was heard since listening began."""
+def has_come() -> bool:
+    """Test whether a signal was heard since listening began."""
     return _STATE.number is not None
 
 
-def interrupted_code() -> int:
+def get_exit_code() -> int:
     """Return 128 and the number of the signal that was heard, as a shell does; of Ctrl-C if none was."""
     return 128 + (signal.SIGINT if _STATE.number is None else _STATE.number)

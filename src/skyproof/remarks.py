@@ -17,7 +17,7 @@ class RemarkKind(IntEnum):
 class Remark(str):
     """A remark on an input that bears on the answer. A plain `str` among remarks is a note.
 
-    It is text, so that remarks are joined, compared and written as text. A text made from it is plain: `reworded`
+    It is text, so that remarks are joined, compared and written as text. A text made from it is plain: `reword`
     keeps the kind.
     """
 
@@ -39,11 +39,11 @@ class Remark(str):
 
     @staticmethod
     def without_cut(remarks: Iterable[str]) -> tuple[str, ...]:
-        """Return the remarks as they are on a stretch that lies before the cut: the cut is a note."""
-        return tuple(str(one) if Remark.kind_of(one) is RemarkKind.CUT else one for one in remarks)
+        """Return the remarks on a stretch that lies before the cut: the cut is a note."""
+        return tuple(str(remark) if Remark.kind_of(remark) is RemarkKind.CUT else remark for remark in remarks)
 
     @staticmethod
-    def reworded(remark: str, text: str) -> str:
+    def reword(remark: str, text: str) -> str:
         """Return another text of the same kind."""
         kind = Remark.kind_of(remark)
         return Remark(text, kind) if kind else text

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ShortRepr", "notebook_html", "summarize"]
+__all__ = ["ShortRepr", "summarize", "write_notebook_html"]
 
 _TIMES: Final = ("gpst", "elapsed_s")
 _LISTED: Final = 6
@@ -26,7 +26,7 @@ class ShortRepr:
     __slots__ = ()
 
     def __repr__(self) -> str:
-        values = {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]
+        values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
         return summarize(type(self).__name__, values)
 
 
@@ -56,7 +56,7 @@ def _short(value: Any) -> str:
     if isinstance(value, tuple | list):
         return _short_items(value)
     if isinstance(value, Mapping):
-        return f"{len(value)} of {_named(list(value))}"
+        return f"{len(value)} of {_name_some(list(value))}"
     if isinstance(value, str):
         return repr(value if len(value) <= _LONGEST else f"{value[: _LONGEST - 3]}...")
     text = repr(value)
@@ -77,17 +77,19 @@ def _short_items(items: Sequence[Any]) -> str:
         return "()"
     first = items[0]
     if isinstance(first, int | float) or (not isinstance(first, np.ndarray) and str(first) != repr(first)):
-        return f"{len(items)}: {_named(items)}"  # numbers, and what has a name of its own
+        return f"{len(items)}: {_name_some(items)}"  # numbers, and what has a name of its own
     return f"{len(items)} {type(first).__name__}"
 
 
-def _named(items: Sequence[Any]) -> str:
+def _name_some(items: Sequence[Any]) -> str:
     names = [name if len(name := str(item)) <= _LONGEST else f"{name[: _LONGEST - 3]}..." for item in items[:_LISTED]]
     return ", ".join(names + ["..."] * (len(items) > _LISTED))
 
 
-def notebook_html(title: str, sentences: Iterable[str], *tables: tuple[Sequence[str], Iterable[Sequence[str]]]) -> str:
-    """What a result shows of itself in a notebook: words and tables (names of columns, rows), all of it escaped."""
+def write_notebook_html(
+    title: str, sentences: Iterable[str], *tables: tuple[Sequence[str], Iterable[Sequence[str]]]
+) -> str:
+    """Show a result in a notebook: words and tables (names of columns, rows), all escaped."""
 
     def row(cells: Sequence[str], tag: str) -> str:
         return "<tr>" + "".join(f'<{tag} style="text-align:left">{escape(cell)}</{tag}>' for cell in cells) + "</tr>"

@@ -87,7 +87,7 @@ def check_detector(
 
     Parameters
     ----------
-    make : makes the detector anew, with the same settings each time.
+    make : makes a new detector, with the same settings each time.
     null_records : one window under the hypothesis that the alarms reject. For "spoofed" and "attack" that is a true
         sky; for "authentic", signals that all come from one antenna.
     alarms : what a false alarm says.
@@ -119,7 +119,7 @@ def check_declarations(detector: Detector) -> None:
     kind = type(detector).__name__
     assert isinstance(detector, Detector), f"{kind} lacks one of name, needs, settings, examine"
     assert detector.name.isidentifier(), f"{kind}.name is {detector.name!r}, expected a lower-case identifier"
-    assert detector.needs, f"{kind}.needs is empty: a detector that needs nothing says nothing"
+    assert detector.needs, f"{kind}.needs is empty: a detector without needs has nothing to say"
     assert all(isinstance(need, Need) for need in detector.needs), f"{kind}.needs must be members of Need"
     settings: Any = detector.settings
     assert is_dataclass(settings), f"settings of {kind} are not a dataclass"
@@ -133,23 +133,28 @@ def check_declarations(detector: Detector) -> None:
 
 
 def check_takes_settings(detector: Detector) -> None:
-    """Made with other settings it has them: a run gives each detector its share of the error budget."""
+    """Check that it takes other settings: a run gives each detector its share of the error budget."""
     share = 0.5 * detector.settings.false_alarm_probability
-    given = replace(detector.settings, false_alarm_probability=share)
+    other_settings = replace(detector.settings, false_alarm_probability=share)
     kind = type(detector).__name__
-    assert instantiate(type(detector), given).settings == given, f"{kind}(settings=...) has other settings than those"
+    assert instantiate(type(detector), other_settings).settings == other_settings, (
+        f"{kind}(settings=...) has other settings than those"
+    )
 
 
 def check_evidence(make: Callable[[], Detector], records: Records) -> None:
-    """What it gives is Evidence under its own name, on signals of the window, with a known word, a reason, and
-    probabilities that are some; an alarm's p-value is not above the rate that it states."""
+    """Check that its evidence is well formed.
+
+    Evidence stands under its own name, on signals of the window, with a known word, a reason, and possible
+    probabilities. An alarm's p-value is not above the rate that it states.
+    """
     detector = make()
     fault = find_result_fault(detector, records, detector.examine(records))
     assert fault is None, f"{detector.name}: {fault}"
 
 
 def check_no_words(make: Callable[[], Detector], records: Records) -> None:
-    """A finding has a code and data without sentences, which `skyproof.explain` or the detector's `sentences` hold."""
+    """Check that a finding has a code and data without sentences."""
     detector = make()
     for finding in detector.examine(records)[0]:
         if isinstance(finding, Finding):
@@ -165,7 +170,10 @@ def _texts(value: object) -> list[str]:
 
 
 def check_bounded_state(make: Callable[[], Detector], windows: Sequence[Records], *, rounds: int = 6) -> None:
-    """The state that a detector keeps does not grow with time: after many windows it is as large as after a few."""
+    """Check that the state that a detector keeps does not grow with time.
+
+    After many windows it is as large as after a few.
+    """
     detector, state, sizes = make(), None, list[int]()
     for number in range(rounds * len(windows)):
         _, state = detector.examine(_delay(windows[number % len(windows)], number), state)
@@ -185,30 +193,32 @@ def _delay(records: Records, number: int) -> Records:
         return replace(measured, **{n: getattr(measured, n) + t for n, t in times.items() if hasattr(measured, n)})
 
     sets = tuple(replace(s, gpst=s.gpst + by) for s in records.sets)
-    moved = _each_measured(records, later)
+    moved = _change_each(records, later)
     return replace(moved, start_gpst=records.start_gpst + by, end_gpst=records.end_gpst + by, sets=sets)
 
 
 def check_missing_named(detector: Detector, records: Records) -> None:
-    """Without a record that it needs, or with nothing measured in them, it does not raise, nor is it silent:
-    "undecided", why, what would be needed."""
+    """Check that it answers "undecided" without a record that it needs, or with nothing measured.
+
+    It gives the reason and what would be needed; it does not raise.
+    """
     lacking = [need for need in detector.needs if not records.has(need)]
     assert not lacking, f"the records lack {', '.join(lacking)}, which {detector.name} needs: they are no test of it"
     empty = Records(start_gpst=records.start_gpst, end_gpst=records.end_gpst)
-    poorer = {"any record": empty, "anything measured": _unmeasured(records)}
-    poorer |= {need: _without(records, need) for need in detector.needs}
+    poorer = {"any record": empty, "anything measured": _blank_measured(records)}
+    poorer |= {need: _remove(records, need) for need in detector.needs}
     for lost, less in poorer.items():
         evidence, _ = detector.examine(less)
         assert evidence, f"{detector.name} says nothing without {lost}, which it needs"
-        for said in evidence:
-            assert said.says == "undecided", f"{detector.name} says {said.says!r} without what it needs: {lost}"
-            words = explain(said)
+        for finding in evidence:
+            assert finding.says == "undecided", f"{detector.name} says {finding.says!r} without what it needs: {lost}"
+            words = explain(finding)
             assert words.sentence, f"{detector.name} is undecided without {lost}, and does not say why"
             assert words.remedy, f"{detector.name} is undecided without {lost}, and does not say what it would need"
 
 
 def check_inputs_untouched(make: Callable[[], Detector], records: Records) -> None:
-    """Every array has the same bytes afterwards."""
+    """Check that every input array keeps its bytes."""
     before = [array.tobytes() for array in _arrays(records)]
     make().examine(records)
     changed = sum(a != b.tobytes() for a, b in zip(before, _arrays(records), strict=True))
@@ -216,34 +226,41 @@ def check_inputs_untouched(make: Callable[[], Detector], records: Records) -> No
 
 
 def check_repeatable(make: Callable[[], Detector], records: Records) -> None:
-    """The same input gives the same evidence, also from a detector made anew."""
+    """Check that the same input gives the same evidence, also from a new detector."""
     detector = make()
     first, second, third = detector.examine(records)[0], detector.examine(records)[0], make().examine(records)[0]
-    assert [_said(e) for e in first] == [_said(e) for e in second] == [_said(e) for e in third], (
-        f"{detector.name} gives different evidence for the same records"
-    )
+    assert (
+        [_write_fields(e) for e in first] == [_write_fields(e) for e in second] == [_write_fields(e) for e in third]
+    ), f"{detector.name} gives different evidence for the same records"
 
 
 def check_channel_order(make: Callable[[], Detector], records: Records, rng: np.random.Generator) -> None:
-    """The order of channels means nothing, in observations as in taps, grids and phases, each in an order of its own:
-    what belongs together follows from the names of signals."""
-    shuffled = _each_measured(records, lambda measured: _permuted(measured, rng))
-    one, other = make().examine(records)[0], make().examine(shuffled)[0]
-    assert len(one) == len(other), f"{make().name} finds {len(one)} or {len(other)} things by the order of the channels"
-    for a, b in zip(sorted(one, key=_key), sorted(other, key=_key), strict=True):
+    """Check that the order of channels means nothing.
+
+    In observations, taps, grids and phases each has an order of its own: what belongs together follows from the names
+    of signals.
+    """
+    shuffled = _change_each(records, lambda measured: _permuted(measured, rng))
+    first_order, other = make().examine(records)[0], make().examine(shuffled)[0]
+    assert len(first_order) == len(other), (
+        f"{make().name} finds {len(first_order)} or {len(other)} things by the order of the channels"
+    )
+    for a, b in zip(sorted(first_order, key=_key), sorted(other, key=_key), strict=True):
         assert _key(a) == _key(b), f"{make().name} says other things if the channels come in another order"
         same = np.allclose(_numbers(a), _numbers(b), rtol=1e-6, atol=1e-12, equal_nan=True)
         assert same, f"{make().name} finds other numbers if the channels come in another order"
 
 
 def check_pieces(make: Callable[[], Detector], windows: Iterable[Records]) -> None:
-    """A run that is stopped, saved and resumed by another process between windows gives what the whole gives."""
+    """Check that a run resumed by another process between windows gives what the whole gives."""
     whole, pieces = make(), make()
     state, saved = None, None
     for records in windows:
         expected, state = whole.examine(records, state)
         found, saved = pieces.examine(records, saved)
-        assert [_said(e) for e in found] == [_said(e) for e in expected], f"{whole.name}: pieces do not equal the whole"
+        assert [_write_fields(e) for e in found] == [_write_fields(e) for e in expected], (
+            f"{whole.name}: pieces do not equal the whole"
+        )
         pieces, saved = make(), pickle.loads(pickle.dumps(saved))
 
 
@@ -258,7 +275,7 @@ def check_false_alarms(
     """Count false alarms against the stated rates (`Finding.alpha`), two-sided unless `conservative`.
 
     A finding that rejects a clean sky is one, whatever benign causes remain. Where nothing but alarms and "clean" is
-    said, p-values are counted below 0.1 and 0.5 as well, likewise.
+    said, p-values are counted below 0.1 and 0.5 as well.
 
     Returns
     -------
@@ -268,13 +285,13 @@ def check_false_alarms(
     state, count, rates, p_values, words = None, 0, list[float](), list[float](), set[str]()
     for records in windows:
         evidence, state = detector.examine(records, state)
-        for said in evidence:
-            alpha = said.alpha if isinstance(said, Finding) else said.false_alarm_probability
+        for finding in evidence:
+            alpha = finding.alpha if isinstance(finding, Finding) else finding.false_alarm_probability
             assert alpha is not None, f"{detector.name} states no false alarm probability"
             rates.append(alpha)
-            count += _is_alarm(said, alarms)
-            words.add(said.says)
-            p_values += [] if said.p_value is None else [said.p_value]
+            count += _is_alarm(finding, alarms)
+            words.add(finding.says)
+            p_values += [] if finding.p_value is None else [finding.p_value]
     assert rates, f"{detector.name} says nothing of these windows"
     rate = float(np.mean(rates))
     if conservative is None:
@@ -318,8 +335,8 @@ def _arrays(record: Any) -> list[NDArray[Any]]:
     return []
 
 
-def _said(evidence: AnyFinding) -> tuple[str, ...]:
-    """All of it, NaN equal to NaN."""
+def _write_fields(evidence: AnyFinding) -> tuple[str, ...]:
+    """Write all fields of it, NaN equal to NaN."""
     return tuple(repr(getattr(evidence, f.name)) for f in fields(evidence))
 
 
@@ -332,8 +349,8 @@ def _numbers(evidence: AnyFinding) -> list[float]:
     return [np.nan if number is None else number for number in numbers]
 
 
-def _without(records: Records, need: Need) -> Records:
-    """The same without what a detector needs."""
+def _remove(records: Records, need: Need) -> Records:
+    """Remove what a detector needs from the records."""
     if need is Need.TWO_RECEIVERS:
         return replace(records, observations=records.observations[:1])
     empty: Any = {Need.NAVIGATION: None, Need.NAV_STATE: {}}.get(need, ())
@@ -341,10 +358,10 @@ def _without(records: Records, need: Need) -> Records:
     return replace(records, **changes)
 
 
-def _each_measured(records: Records, change: Callable[[Any], Any]) -> Records:
-    """Every record of channels, observations or other, as `change` gives it; each knows its `signals`."""
+def _change_each(records: Records, change: Callable[[Any], Any]) -> Records:
+    """Change every record of channels, observations or other; each knows its `signals`."""
     kinds = ("observations", "taps", "vector_taps", "ccaf", "array_phases")
-    changed: dict[str, Any] = {kind: tuple(change(one) for one in getattr(records, kind)) for kind in kinds}
+    changed: dict[str, Any] = {kind: tuple(change(measured) for measured in getattr(records, kind)) for kind in kinds}
     return replace(records, **changed)
 
 
@@ -353,7 +370,7 @@ _OF_ANTENNAS = ("elements_m",)
 
 
 def _channel_axes(measured: Any) -> dict[str, int]:
-    """The fields of a record that have channels, and along which axis: the second, after time."""
+    """Return the fields of a record that have channels, and along which axis: the second, after time."""
     arrays = {f.name: getattr(measured, f.name) for f in fields(measured)}
     axes = {name: 1 for name, array in arrays.items() if np.ndim(array) >= 2 and name not in _OF_ANTENNAS}
     return axes | {name: 0 for name in _OF_CHANNELS if name in arrays}
@@ -365,8 +382,8 @@ def _permuted(measured: Any, rng: np.random.Generator) -> Any:
     return replace(measured, signals=tuple(measured.signals[k] for k in order), **changes)
 
 
-def _unmeasured(records: Records) -> Records:
-    """The same channels, none of which was tracked, so that no set was found and no receiver has a fix of its own."""
+def _blank_measured(records: Records) -> Records:
+    """Blank all channels, so that no set was found and no receiver has a fix of its own."""
 
     def blank(measured: Any) -> Any:
         cells = {name: getattr(measured, name) for name, axis in _channel_axes(measured).items() if axis == 1}
@@ -375,7 +392,7 @@ def _unmeasured(records: Records) -> Records:
             **{n: np.full_like(v, CellStatus.NOT_TRACKED if n == "status" else np.nan) for n, v in cells.items()},
         )
 
-    return replace(_each_measured(records, blank), sets=(), own_fixes={})
+    return replace(_change_each(records, blank), sets=(), own_fixes={})
 
 
 # Records at measurement level -----------------------------------------------------------------------------------------
@@ -468,7 +485,7 @@ class MeasuredScene:
             for copy, (there_ecef_m, way_m) in enumerate(received):
                 true_s = np.asarray(since_s - bias_s - way_m / SPEED_OF_LIGHT_M_S, float)
                 ranges_m += [
-                    _range_m(orbit, navigation, there_ecef_m, self.start_gpst, true_s)
+                    _compute_range_m(orbit, navigation, there_ecef_m, self.start_gpst, true_s)
                     + way_m
                     + SPEED_OF_LIGHT_M_S * bias_s
                     for orbit in orbits
@@ -494,7 +511,7 @@ class MeasuredScene:
         object.__setattr__(self, "_sets", tuple(sets))
 
     def records(self, rng: np.random.Generator) -> Records:
-        """One window with new errors."""
+        """Draw one window with new errors."""
         return Records(
             start_gpst=self.start_gpst,
             end_gpst=self.start_gpst + timedelta_from_s((self.epochs + 0.5) * self.step_s),
@@ -538,7 +555,7 @@ class MeasuredScene:
     def _with_errors(self, exact: Observations, rng: np.random.Generator) -> Observations:
         shape = exact.pseudorange_m.shape
         errors = self.errors
-        code_m = errors.sigma_m * _ar1(rng, shape, errors.correlation)
+        code_m = errors.sigma_m * _draw_ar1(rng, shape, errors.correlation)
         code_m += errors.constant_m * rng.standard_normal(shape[1])
         return replace(
             exact,
@@ -549,18 +566,18 @@ class MeasuredScene:
         )
 
 
-def _ar1(rng: np.random.Generator, shape: tuple[int, ...], correlation: float) -> Reals:
-    """Stationary AR(1) along axis 0 with variance 1."""
+def _draw_ar1(rng: np.random.Generator, shape: tuple[int, ...], correlation: float) -> Reals:
+    """Draw stationary AR(1) along axis 0 with variance 1."""
     noise = rng.standard_normal(shape)
     for n in range(1, shape[0]):
         noise[n] = correlation * noise[n - 1] + np.sqrt(1.0 - correlation**2) * noise[n]
     return noise
 
 
-def _range_m(
+def _compute_range_m(
     orbit: Ephemeris, navigation: NavigationData, place_ecef_m: Reals, start_gpst: np.datetime64, true_s: Reals
 ) -> Reals:
-    """Pseudorange of a receiver with a perfect clock at `true_s` after the start; light time by iteration."""
+    """Compute the pseudorange of a receiver with a perfect clock at `true_s` after the start."""
     week, tow_s = week_and_tow(start_gpst)
     travel_s: Reals = np.full(true_s.shape, 0.075)
     for _ in range(4):  # each takes the error down by v/c

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
 from skyproof.gnss.time import format_clock, format_instant, format_moment, format_utc
 from skyproof.records import WORDS, CauseName, InterferenceSign, Label, NoticedKind, VerdictWord
-from skyproof.short_repr import notebook_html
+from skyproof.short_repr import write_notebook_html
 
 __all__ = [
     "USABLE",
@@ -41,9 +41,9 @@ __all__ = [
     "VerdictWord",
     "WeakCarrier",
     "WindowResult",
-    "possible_places",
+    "list_possible_places",
     "radius_95_m",
-    "word_shown",
+    "write_word",
 ]
 
 VERDICT_FORMAT: Literal["skyproof-verdict/2"] = "skyproof-verdict/2"
@@ -81,13 +81,13 @@ LonDeg = Annotated[float, Field(ge=-180.0, le=180.0, description="Longitude, WGS
 HeightM = Annotated[float, Field(description="Height above the WGS-84 ellipsoid, metres.")]
 
 
-def word_shown(word: str) -> str:
-    """A word of the answer as people read it: no attack seen."""
+def write_word(word: str) -> str:
+    """Write a word of the answer as people read it: no attack seen."""
     return word.replace("_", " ")
 
 
-def _few(texts: Iterable[str]) -> str:
-    """The first few texts, and how many more there are."""
+def _join_few(texts: Iterable[str]) -> str:
+    """Join the first few texts, and how many more there are."""
     named = list(texts)
     more = [f"and {len(named) - MOST_NAMED} more, among the remarks on the inputs"] if len(named) > MOST_NAMED else []
     return "; ".join([*named[:MOST_NAMED], *more])
@@ -130,13 +130,13 @@ class Position(_Model):
 
 
 class OwnState(_Model):
-    """What a receiver says of itself in its log, for as long as it says so. It is never evidence."""
+    """What a receiver says of itself in its log, for as long as it does. It is never evidence."""
 
     subject: Literal["jamming", "spoofing", "authentication"]
     state: str = Field(description="The protocol's own word: none, warning, critical, indicated.")
     alarm: bool = Field(description="Whether the word claims jamming, spoofing or a failed authentication.")
-    since_gpst: Gpst = Field(description="First instant at which it says so, GPS time.")
-    until_gpst: Gpst = Field(description="Last instant at which it says so, GPS time.")
+    since_gpst: Gpst = Field(description="First instant of the statement, GPS time.")
+    until_gpst: Gpst = Field(description="Last instant of the statement, GPS time.")
 
 
 class OwnFix(_Model):
@@ -187,13 +187,13 @@ class ReceiverResult(_Model):
 
     @property
     def fixes(self) -> tuple[tuple[str, Position], ...]:
-        """The last fix of each kind that there is, with the kind: what may be used, and then what may not."""
+        """Return the last fix of each kind that there is, first usable ones, with the kind."""
         kinds = (*USABLE, "false", "unprotected")
         return tuple((kind, fix) for kind in kinds if (fix := getattr(self, f"{kind}_fix")) is not None)
 
     @property
     def usable(self) -> tuple[UsableKind, Position] | None:
-        """The last fix that may be used, with its kind; None without any."""
+        """Return the last fix that may be used, with its kind; None without any."""
         found = [(kind, fix) for kind, fix in self.fixes if kind in USABLE]
         return max(found, key=lambda each: (each[1].gpst, -USABLE.index(each[0])), default=None)
 
@@ -234,7 +234,7 @@ with warnings.catch_warnings():
         copy: str = Field(  # type: ignore[assignment]
             description="Tells several signals of one satellite apart, in order of finding; nothing more."
         )
-        label: Label = Field(description="What the evidence says of the signal; unknown where it says nothing.")
+        label: Label = Field(description="What the evidence says of the signal; unknown without evidence.")
         source: str | None = Field(description="Name of the source the signal is ascribed to; null if to none.")
         from_gpst: Gpst | None = Field(description="First instant at which the signal was received, GPS time.")
         to_gpst: Gpst | None = Field(description="Last instant at which the signal was received, GPS time.")
@@ -350,7 +350,7 @@ class InputFile(_Model):
 
     @property
     def all_remarks(self) -> tuple[str, ...]:
-        """Whatever was odd about it, the gravest first."""
+        """Return whatever was odd about it, the gravest first."""
         return (*self.cut, *self.left_out, *self.remarks)
 
 
@@ -391,7 +391,7 @@ class WeakCarrier(_Model):
 
     @property
     def words(self) -> str:
-        """How weak, and that C/N0 alone does not tell why."""
+        """State how weak, and that C/N0 alone does not tell why."""
         return (
             f"C/N0 of satellites on {self.carrier} in {self.receiver} is {self.cn0_dbhz:.0f} dB-Hz from the first "
             f"epoch on (open sky: {self.open_sky_dbhz:.0f} or more), by a jammer, shading or a poor antenna; the "
@@ -418,7 +418,7 @@ class InterferenceResult(_Model):
 
     @property
     def words(self) -> str:
-        """What interfered, since when, how much and with whom, or may have; empty where nothing did."""
+        """Describe what interfered, since when, how much and with whom; empty where nothing did."""
         found = [_spell_words(spell) for spell in self.spells] + [weak.words for weak in self.weak_starts]
         return "; ".join(found[:MOST_NAMED])
 
@@ -458,10 +458,10 @@ class NoticedSize(_Model):
 
     @property
     def words(self) -> str:
-        """What would have been noticed, in words."""
-        what, scale, unit = _NOTICED[self.kind]
+        """Describe what would have been noticed."""
+        attack, scale, unit = _NOTICED[self.kind]
         where = "" if self.share_of_windows > 0.995 else f" (in {100.0 * self.share_of_windows:.0f} % of the windows)"
-        return f"{what} {float(f'{self.size * scale:.2g}'):g} {unit} or more{where}"
+        return f"{attack} {float(f'{self.size * scale:.2g}'):g} {unit} or more{where}"
 
 
 _HOW: Final[dict[UsableKind, str]] = {
@@ -559,13 +559,13 @@ class Verdict(_Model):
 
     @property
     def from_start(self) -> bool:
-        """Whether the attack was on when the recording of a receiver began."""
+        """Test whether the attack was on when the recording of a receiver began."""
         starts = {format_instant(r.start_gpst) for r in self.receivers if r.start_gpst is not None}
         return self.since_gpst is not None and self.since_sigma_s is None and format_instant(self.since_gpst) in starts
 
     @property
     def onset_words(self) -> str:
-        """When the attack or the suspicion began and ended, as far as that is known; empty without one."""
+        """State when the attack or the suspicion began and ended, as far as known; empty without one."""
         if self.since_gpst is None:
             return ""
         since = format_moment(self.since_gpst)
@@ -578,7 +578,7 @@ class Verdict(_Model):
 
     @property
     def explained(self) -> tuple[tuple[str, str], ...]:
-        """What belongs to the word beside the summary: headings and words."""
+        """List what belongs to the word beside the summary: headings and words."""
         parts = (
             ("Interference:", self.interference.words),
             ("The receiver itself:", self._own_words),
@@ -588,53 +588,56 @@ class Verdict(_Model):
             ("Not excluded:", "; ".join(self.not_excluded)),
             ("Position:", self._position_words),
             ("To resolve:", self.remedy),
-            ("Cut:", _few(f"{given.path}: {text}" for given in self.inputs for text in given.cut)),
-            ("Left out:", _few(f"{given.path}: {text}" for given in self.inputs for text in given.left_out)),
+            ("Cut:", _join_few(f"{input_file.path}: {text}" for input_file in self.inputs for text in input_file.cut)),
+            (
+                "Left out:",
+                _join_few(f"{input_file.path}: {text}" for input_file in self.inputs for text in input_file.left_out),
+            ),
         )
         return tuple((heading, words) for heading, words in parts if words)
 
     @property
     def _noticed_words(self) -> str:
-        """What would have been noticed, beside a word that nothing was."""
+        """Describe what would have been noticed, beside a word that nothing was."""
         if self.verdict not in ("authentic", "no_attack_seen"):
             return ""
         receivers: dict[str, list[str]] = {}
         for size in self.noticed:
             receivers.setdefault(size.words, []).append(size.receiver)
         every = len({size.receiver for size in self.noticed})
-        return _few(
+        return _join_few(
             words if len(names) == every else f"in {' and '.join(names)} {words}" for words, names in receivers.items()
         )
 
     @property
     def _position_words(self) -> str:
-        """How far the last positions that may be used hold, where they are not proven."""
+        """State how far the last usable positions hold, where they are not proven."""
         found = [(r, *r.usable) for r in self.receivers if r.usable is not None and r.usable[0] != "trusted"]
-        return _few(self._usable_words(r, kind, fix) for r, kind, fix in found)
+        return _join_few(self._usable_words(r, kind, fix) for r, kind, fix in found)
 
     def _usable_words(self, receiver: ReceiverResult, kind: UsableKind, fix: Position) -> str:
         within_m = radius_95_m(fix.sigma_east_m, fix.sigma_north_m)
-        said = f"{receiver.name} {_HOW[kind]}: within {within_m:.1f} m horizontally (95 %) at {format_clock(fix.gpst)}"
+        text = f"{receiver.name} {_HOW[kind]}: within {within_m:.1f} m horizontally (95 %) at {format_clock(fix.gpst)}"
         if fix.hidden_m == 0.0:
-            return said
+            return text
         if fix.hidden_m is None:
-            return f"{said}; an attack that looks like motion may have moved it any distance"
-        return f"{said}; an unnoticed attack since the start has moved it by {fix.hidden_m:.0f} m at most"
+            return f"{text}; an attack that looks like motion may have moved it any distance"
+        return f"{text}; an unnoticed attack since the start has moved it by {fix.hidden_m:.0f} m at most"
 
     @property
     def _own_words(self) -> str:
-        """What receivers say of themselves, where they alarm, or where they do not and we do."""
-        said = []
+        """Describe what receivers say of themselves, where they alarm, or where only we do."""
+        texts = []
         ours = self.verdict in ("suspect", "spoofed") or bool(self.interference.spells)
         for r in self.receivers:
             alarms = [s for s in r.own_states if s.alarm]
-            said += [
+            texts += [
                 f"{r.name} says {s.subject} {s.state} from {format_clock(s.since_gpst)} to {format_clock(s.until_gpst)}"
                 for s in alarms
             ]
             if r.own_states and not alarms and ours:
-                said.append(f"{r.name} says nothing of {' or '.join(dict.fromkeys(s.subject for s in r.own_states))}")
-        return _few(said)
+                texts.append(f"{r.name} has no alarm of {' or '.join(dict.fromkeys(s.subject for s in r.own_states))}")
+        return _join_few(texts)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.verdict!r}: {self.summary})"
@@ -642,7 +645,7 @@ class Verdict(_Model):
     __str__ = __repr__
 
     def _repr_html_(self) -> str:
-        """The answer, the positions and the labels, for a notebook."""
+        """Show the answer, the positions and the labels in a notebook."""
         sentences = [self.summary]
         if self.since_gpst is not None:
             sentences.append(f"{self.onset_words}.")
@@ -676,14 +679,14 @@ class Verdict(_Model):
                 "",
                 "",
             )
-            for names, source, place in possible_places(self)
+            for names, source, place in list_possible_places(self)
         ]
         sats: dict[tuple[str, str], list[str]] = {}
         for s in self.signals:
-            own = sats.setdefault((s.receiver, s.label), [])
-            own += [] if s.sat in own else [s.sat]
-        return notebook_html(
-            word_shown(self.verdict).capitalize(),
+            listed_sats = sats.setdefault((s.receiver, s.label), [])
+            listed_sats += [] if s.sat in listed_sats else [s.sat]
+        return write_notebook_html(
+            write_word(self.verdict).capitalize(),
             sentences,
             (
                 (
@@ -698,7 +701,7 @@ class Verdict(_Model):
                 ),
                 positions,
             ),
-            (("receiver", "label", "satellites"), [(*key, " ".join(own)) for key, own in sats.items()]),
+            (("receiver", "label", "satellites"), [(*key, " ".join(listed_sats)) for key, listed_sats in sats.items()]),
         )
 
 
@@ -714,8 +717,8 @@ def radius_95_m(sigma_east_m: float, sigma_north_m: float) -> float:
     return _SIGMAS_95 * math.hypot(sigma_east_m, sigma_north_m)
 
 
-def possible_places(verdict: Verdict) -> list[tuple[str, Source, Place]]:
-    """Receivers' names, a sky and the place that it shows, for each sky while it is open which is true."""
+def list_possible_places(verdict: Verdict) -> list[tuple[str, Source, Place]]:
+    """List each sky with its receivers and place, while it is open which sky is true."""
     open_still = len(verdict.sources) > 1 and all(r.false_fix is None for r in verdict.receivers)
     names = {s.name: sorted({x.receiver for x in verdict.signals if x.source == s.name}) for s in verdict.sources}
     return [(" ".join(names[s.name]), s, s.shows) for s in verdict.sources if open_still and s.shows is not None]

@@ -19,7 +19,7 @@ from skyproof.app.fleet.piece import make_piece
 from skyproof.app.fleet.rows import FleetRow, make_row, write_rows
 from skyproof.app.scenes.simulate import simulate
 from skyproof.errors import InputError, OutputError, SettingsError, SkyproofError
-from skyproof.report.fleet import fleet_html
+from skyproof.report.fleet import write_fleet_html
 
 SAMPLE = Path(__file__).parent.parent / "formats" / "verdict-sample.json"
 
@@ -139,7 +139,7 @@ def test_a_table_has_the_same_columns_whatever_came_out(tmp_path: Path) -> None:
 
 
 def test_the_page_lists_every_item_and_loads_nothing(tmp_path: Path) -> None:
-    page = fleet_html(rows(tmp_path))
+    page = write_fleet_html(rows(tmp_path))
     assert 'href="items/%3Cdone%3E/report.html">&lt;done&gt;</a>' in page
     assert "a.obs: absent &amp; more" in page
     assert page.index("1 failed") < page.index("1 not run") < page.index("same command")
@@ -149,7 +149,7 @@ def test_the_page_lists_every_item_and_loads_nothing(tmp_path: Path) -> None:
 def test_the_page_puts_first_what_needs_a_look(tmp_path: Path) -> None:
     done = rows(tmp_path)[0]
     found = [dataclasses.replace(done, name=word, verdict=word) for word in ("authentic", "no_attack_seen", "suspect")]
-    page = fleet_html(found)
+    page = write_fleet_html(found)
     assert page.index("<h2>1 suspect") < page.index("<h2>1 no ") < page.index("<h2>1 authentic")
     assert page.count("Since, GPS time") == 1  # of what is suspect
 

@@ -221,5 +221,5 @@ def test_remarks_of_one_kind_are_counted_beyond_the_first():
 
 
 def test_another_text_keeps_the_kind():
-    assert Remark.kind_of(Remark.reworded(Remark("a", RemarkKind.CUT), "b")) is RemarkKind.CUT
-    assert type(Remark.reworded("a", "b")) is str
+    assert Remark.kind_of(Remark.reword(Remark("a", RemarkKind.CUT), "b")) is RemarkKind.CUT
+    assert type(Remark.reword("a", "b")) is str

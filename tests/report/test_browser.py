@@ -15,7 +15,7 @@ import axe_core_python
 import pytest
 from tests.report.sample import EMPTY, SAMPLE, VERDICT, pictures
 
-from skyproof.report.page import report_html
+from skyproof.report.page import write_report_html
 from skyproof.verdict import Verdict
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -92,7 +92,7 @@ PASSED = WHY | {"not_excluded": ["a false sky from the start"]}
 
 def nothing_found() -> str:
     """A page that has next to nothing to tell."""
-    return report_html(
+    return write_report_html(
         Verdict.model_validate(
             SAMPLE
             | {
@@ -111,26 +111,26 @@ def nothing_found() -> str:
 
 
 def test_the_page_opens_without_network_and_without_a_complaint(tmp_path: Path) -> None:
-    dom, complaints = browse(tmp_path, report_html(VERDICT, pictures()))
+    dom, complaints = browse(tmp_path, write_report_html(VERDICT, pictures()))
     assert "Receivers compared" in dom
     assert complaints == ""
 
 
 @pytest.mark.long
 def test_the_browser_would_complain(tmp_path: Path) -> None:
-    _, complaints = browse(tmp_path, with_script(report_html(VERDICT, pictures()), "nothing.there"))
+    _, complaints = browse(tmp_path, with_script(write_report_html(VERDICT, pictures()), "nothing.there"))
     assert "ReferenceError" in complaints
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("width", [320, 360, 820, 1200])
 def test_nothing_is_wider_than_the_window(tmp_path: Path, width: int) -> None:
-    assert width_at(tmp_path, report_html(VERDICT, pictures()), width) == width
+    assert width_at(tmp_path, write_report_html(VERDICT, pictures()), width) == width
 
 
 @pytest.mark.long
 def test_a_wide_thing_would_be_seen(tmp_path: Path) -> None:
-    page = report_html(VERDICT, pictures()).replace("<main>", '<main><p style="width:500px">wide</p>', 1)
+    page = write_report_html(VERDICT, pictures()).replace("<main>", '<main><p style="width:500px">wide</p>', 1)
     assert width_at(tmp_path, CSP.sub("", page), 360) > 360
 
 
@@ -140,7 +140,7 @@ def test_a_wide_thing_would_be_seen(tmp_path: Path) -> None:
 def test_a_reader_who_sees_badly_misses_nothing(tmp_path: Path, which: str, dark: bool) -> None:
     more = {"suspect": SUSPECT, "no_attack_seen": PASSED}.get(which, {})
     verdict = Verdict.model_validate(SAMPLE | {"verdict": which} | more) if which != "nothing" else None
-    page = nothing_found() if verdict is None else report_html(verdict, pictures())
+    page = nothing_found() if verdict is None else write_report_html(verdict, pictures())
     assert violations(tmp_path, page.replace(DARK, "@media all") if dark else page) == []
 
 
@@ -157,7 +157,7 @@ def pages_printed(folder: Path, page: str) -> int:
 @pytest.mark.long
 def test_what_is_folded_is_printed(tmp_path: Path) -> None:
     filler = "".join(f"<p>line {i}</p>" for i in range(400))
-    folded = report_html(VERDICT, pictures()).replace("</summary>", f"</summary>{filler}", 1)
+    folded = write_report_html(VERDICT, pictures()).replace("</summary>", f"</summary>{filler}", 1)
     folded = folded.replace("<details open>", "<details>")
     opened = folded.replace("<details>", "<details open>")
     bare = folded.replace(filler, "")
@@ -166,5 +166,5 @@ def test_what_is_folded_is_printed(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_the_checker_would_see_a_fault(tmp_path: Path) -> None:
-    page = report_html(VERDICT, pictures()).replace("--soft: #55616f", "--soft: #c5c9cf", 1)
+    page = write_report_html(VERDICT, pictures()).replace("--soft: #55616f", "--soft: #c5c9cf", 1)
     assert any(fault.startswith("color-contrast") for fault in violations(tmp_path, page))

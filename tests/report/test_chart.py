@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyproof.report.chart import chart_svg, curves_of, words_of
+from skyproof.report.chart import draw_chart_svg, group_curves, write_value
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -39,7 +39,7 @@ ROWS = [
 
 
 def drawn(rows: Any = ROWS, **changes: Any) -> ElementTree.Element:
-    svg = chart_svg(rows, [Axes(**changes)])
+    svg = draw_chart_svg(rows, [Axes(**changes)])
     assert svg
     return ElementTree.fromstring(svg)
 
@@ -121,7 +121,7 @@ def test_a_logarithmic_axis_puts_decades_at_equal_steps() -> None:
 
 def test_what_has_no_logarithm_breaks_the_line() -> None:
     rows = [{"method": "m", "window_s": x, "kept": y} for x, y in enumerate((1e-3, 0.0, 1e-1, 1.0))]
-    (curve,), _ = curves_of(rows, Axes(y_log=True))
+    (curve,), _ = group_curves(rows, Axes(y_log=True))
     np.testing.assert_allclose(curve.y, [-3.0, np.nan, -1.0, 0.0])
     path = next(e.get("d", "") for e in drawn(rows, y_log=True).iter(f"{SVG}path"))
     assert path.count("M") == 2
@@ -142,7 +142,7 @@ def test_words_on_the_x_axis_are_names_in_order() -> None:
 
 def test_none_and_missing_columns_are_left_out() -> None:
     rows = [*ROWS[:3], {"method": "paper", "window_s": 5.0, "kept": None}, {"method": "paper"}]
-    (curve,), _ = curves_of(rows, Axes())
+    (curve,), _ = group_curves(rows, Axes())
     assert curve.x.size == 3
 
 
@@ -194,22 +194,22 @@ def test_a_diagonal_is_drawn_however_far_the_points_lie() -> None:
 
 
 def test_several_charts_stand_below_each_other() -> None:
-    one = chart_svg(ROWS, [Axes()])
-    two = ElementTree.fromstring(chart_svg(ROWS, [Axes(), Axes(title="Another")]))
+    one = draw_chart_svg(ROWS, [Axes()])
+    two = ElementTree.fromstring(draw_chart_svg(ROWS, [Axes(), Axes(title="Another")]))
     height = float(ElementTree.fromstring(one).get("viewBox", "").split()[3])
     assert float(two.get("viewBox", "").split()[3]) == pytest.approx(2 * height, abs=1.0)
     assert {"A chart", "Another"} <= set(texts(two))
 
 
 def test_values_are_named_with_their_unit() -> None:
-    assert words_of("method", "paper") == "paper"
-    assert words_of("distance_m", 20.0) == "distance 20 m"
-    assert words_of("rate_m_s", 2) == "rate 2 m/s"
-    assert words_of("cn0_dbhz", np.float64(45.0)) == "C/N0 45 dB-Hz"
-    assert words_of("rate_hz", 5e6) == "rate 5 MHz"
-    assert words_of("prn", 7) == "PRN 7"
-    assert words_of("n", 30) == "n 30"
-    assert words_of("half_cycles", False).startswith("no ")
+    assert write_value("method", "paper") == "paper"
+    assert write_value("distance_m", 20.0) == "distance 20 m"
+    assert write_value("rate_m_s", 2) == "rate 2 m/s"
+    assert write_value("cn0_dbhz", np.float64(45.0)) == "C/N0 45 dB-Hz"
+    assert write_value("rate_hz", 5e6) == "rate 5 MHz"
+    assert write_value("prn", 7) == "PRN 7"
+    assert write_value("n", 30) == "n 30"
+    assert write_value("half_cycles", False).startswith("no ")
 
 
 def test_names_from_outside_are_escaped() -> None:
@@ -218,10 +218,10 @@ def test_names_from_outside_are_escaped() -> None:
 
 
 def test_without_anything_to_draw_nothing_is_drawn() -> None:
-    assert chart_svg([], [Axes()]) == ""
-    assert chart_svg(ROWS, []) == ""
-    assert chart_svg(ROWS, [Axes(where={"noise": "none"})]) == ""
+    assert draw_chart_svg([], [Axes()]) == ""
+    assert draw_chart_svg(ROWS, []) == ""
+    assert draw_chart_svg(ROWS, [Axes(where={"noise": "none"})]) == ""
 
 
 def test_the_same_rows_give_the_same_characters() -> None:
-    assert chart_svg(ROWS, [Axes()]) == chart_svg(ROWS, [Axes()])
+    assert draw_chart_svg(ROWS, [Axes()]) == draw_chart_svg(ROWS, [Axes()])

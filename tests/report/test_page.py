@@ -11,9 +11,9 @@ from tests.report.sample import EMPTY, SAMPLE, VERDICT, pictures
 
 from skyproof.gnss.time import format_clock
 from skyproof.report import evidence
-from skyproof.report.evidence import by_chance
+from skyproof.report.evidence import describe_chance
 from skyproof.report.figures import Pictures
-from skyproof.report.page import report_html
+from skyproof.report.page import write_report_html
 from skyproof.report.pictures import (
     DelayProfile,
     DelayTag,
@@ -24,7 +24,7 @@ from skyproof.report.pictures import (
     SkyPosition,
     TruePlace,
 )
-from skyproof.report.summary import how_sure
+from skyproof.report.summary import describe_certainty
 from skyproof.report.what_now import Advice
 from skyproof.report.words import p_value_words
 from skyproof.verdict import CAUSES, Verdict
@@ -68,7 +68,7 @@ def read(page: str) -> Reader:
 
 
 def test_the_page_says_everything_that_the_verdict_says() -> None:
-    text = read(report_html(VERDICT, pictures())).text
+    text = read(write_report_html(VERDICT, pictures())).text
     for reported in (
         VERDICT.summary,
         "Spoofed since 10:00:24 ± 0.5 s (one sigma), 2022-01-01, GPS time",
@@ -101,7 +101,7 @@ def test_the_page_says_everything_that_the_verdict_says() -> None:
 
 
 def test_the_page_draws_what_it_was_given() -> None:
-    page = report_html(VERDICT, pictures())
+    page = write_report_html(VERDICT, pictures())
     headings = [re.search("<h3>(.*?)</h3>", figure) for figure in page.split("<figure")[1:]]
     one, two = ["rx1"], ["rx2"]
     subjects = [re.findall(r"\brx\d", heading[1]) for heading in headings if heading]
@@ -109,11 +109,11 @@ def test_the_page_draws_what_it_was_given() -> None:
 
 
 def test_the_same_input_gives_the_same_bytes() -> None:
-    assert report_html(VERDICT, pictures()) == report_html(copy.deepcopy(VERDICT), pictures())
+    assert write_report_html(VERDICT, pictures()) == write_report_html(copy.deepcopy(VERDICT), pictures())
 
 
 def test_the_page_loads_nothing_and_runs_nothing() -> None:
-    page = report_html(VERDICT, pictures())
+    page = write_report_html(VERDICT, pictures())
     reader = read(page)
     assert not {"script", "link", "img", "iframe", "object", "embed", "image", "use", "base", "form"} & set(reader.tags)
     names = {name for name, _ in reader.attributes}
@@ -176,7 +176,7 @@ def test_what_comes_from_outside_is_escaped_everywhere() -> None:
         differences=(RangeDifference(receivers=(evil, evil), sat=evil, label="unknown", metres=3.0),),
         findings=(MethodWords(detector=evil, words=evil, from_gpst=evil, to_gpst=evil),),
     )
-    page = report_html(Verdict.model_validate(document), poisoned)
+    page = write_report_html(Verdict.model_validate(document), poisoned)
     reader = read(page)
     assert "script" not in reader.tags
     assert "b" not in reader.tags
@@ -184,7 +184,7 @@ def test_what_comes_from_outside_is_escaped_everywhere() -> None:
 
 
 def test_colours_follow_the_label_in_light_dark_and_print() -> None:
-    page = report_html(VERDICT, pictures())
+    page = write_report_html(VERDICT, pictures())
     assert page.count("--true:") == page.count("--false:") == 3
     assert "@media (prefers-color-scheme: dark)" in page
     assert "@media print" in page
@@ -192,7 +192,7 @@ def test_colours_follow_the_label_in_light_dark_and_print() -> None:
 
 
 def test_many_signals_over_a_long_time_stay_below_a_megabyte() -> None:
-    assert len(report_html(VERDICT, pictures(20, 12, 1200)).encode()) < 1_000_000
+    assert len(write_report_html(VERDICT, pictures(20, 12, 1200)).encode()) < 1_000_000
 
 
 def test_a_page_without_pictures_or_signals_says_so() -> None:
@@ -208,7 +208,7 @@ def test_a_page_without_pictures_or_signals_says_so() -> None:
         "sources": [],
         "methods": [],
     }
-    reader = read(report_html(Verdict.model_validate(document), EMPTY))
+    reader = read(write_report_html(Verdict.model_validate(document), EMPTY))
     for reported in (
         "No position",
         "No signals",
@@ -233,16 +233,16 @@ def test_how_sure_names_the_strongest_evidence_for_the_verdict(verdict: str, dec
         other | {"detector": "d3", "decision": decision, "p_value": 0.4},
     ]
     document |= {"verdict": verdict, "methods": methods, "reason": "a test failed" if verdict == "suspect" else None}
-    reported = " ".join(how_sure(Verdict.model_validate(document)))
-    assert f" d2: {by_chance(decision, 1e-3)}" in reported
+    reported = " ".join(describe_certainty(Verdict.model_validate(document)))
+    assert f" d2: {describe_chance(decision, 1e-3)}" in reported
 
 
 def test_a_test_that_did_not_decide_rejects_no_clean_sky() -> None:
     document = copy.deepcopy(SAMPLE)
     document["methods"] = [document["methods"][0] | {"decision": "undecided", "p_value": 1e-9}]
-    text = read(report_html(Verdict.model_validate(document), EMPTY)).text
+    text = read(write_report_html(Verdict.model_validate(document), EMPTY)).text
     assert f"({p_value_words(1e-9)})" in text
-    assert by_chance("undecided", 1e-9) not in text
+    assert describe_chance("undecided", 1e-9) not in text
 
 
 def test_a_failed_test_stands_first_with_its_window() -> None:
@@ -250,7 +250,7 @@ def test_a_failed_test_stands_first_with_its_window() -> None:
     passed = document["methods"][0] | {"detector": "sqm", "decision": "authentic"}
     failed = document["methods"][0] | {"decision": "failed", "p_value": 6.6e-236}
     verdict = Verdict.model_validate(document | {"methods": [passed, failed, document["methods"][1]]})
-    first, second = evidence.ran(verdict, ())
+    first, second = evidence.describe_methods(verdict, ())
     assert (first.method.decision, second.method.decision) == ("failed", "authentic")
     assert "6.6·10" in " ".join(first.sentences)
     assert "2022-01-01 10:00:50 to 10:01:00, GPS time" in " ".join(first.sentences)
@@ -258,13 +258,13 @@ def test_a_failed_test_stands_first_with_its_window() -> None:
 
 def test_a_signal_that_changes_its_label_is_one_signal() -> None:
     signals = [SAMPLE["signals"][0], SAMPLE["signals"][0] | {"label": "unknown"}]
-    reported = how_sure(Verdict.model_validate(SAMPLE | {"signals": signals}))[-1]
+    reported = describe_certainty(Verdict.model_validate(SAMPLE | {"signals": signals}))[-1]
     assert re.findall(r"\d \w+", reported) == ["1 signal", "1 authentic", "1 unknown", "1 changed"]
 
 
 def facts_of(**changes: Any) -> dict[str, str]:
     """The answers at the top of a page, by what is asked."""
-    page = report_html(Verdict.model_validate(SAMPLE | changes), EMPTY)
+    page = write_report_html(Verdict.model_validate(SAMPLE | changes), EMPTY)
     facts = page[page.index('<dl class="facts">') : page.index("</header>")]
     pairs = re.findall(r"<dt>([^<]*)</dt>(.*?)</div>", facts, re.DOTALL)
     return {name: re.sub(r"[ \n]+", " ", re.sub(r"<[^>]*>", "", answer)).strip() for name, answer in pairs}
@@ -301,7 +301,7 @@ def test_a_suspicion_says_since_when() -> None:
 
 def test_the_word_is_shown_with_blanks() -> None:
     passed = SAMPLE | {"verdict": "no_attack_seen", "reason": "one antenna", "not_excluded": ["a false sky"]}
-    page = report_html(Verdict.model_validate(passed), EMPTY)
+    page = write_report_html(Verdict.model_validate(passed), EMPTY)
     assert "</svg>No attack seen</p>" in page
     assert '<header class="verdict no_attack_seen">' in page
 
@@ -318,18 +318,18 @@ def test_an_open_page_gives_the_possible_positions() -> None:
 def test_skies_that_differ_are_drawn_each() -> None:
     result = pictures()
     other = tuple(replace(p, label="unknown") if p.receiver == "rx2" else p for p in result.sky)
-    page = report_html(VERDICT, replace(result, sky=other))
+    page = write_report_html(VERDICT, replace(result, sky=other))
     assert "<h3>Sky over rx1</h3>" in page
     assert "<h3>Sky over rx2</h3>" in page
 
 
 def test_what_belongs_to_the_word_stands_apart() -> None:
     document = SAMPLE | {"reason": "which signals of rx1 are true", "remedy": "a second receiver"}
-    text = read(report_html(Verdict.model_validate(document), EMPTY)).text
+    text = read(write_report_html(Verdict.model_validate(document), EMPTY)).text
     assert f"Not decided: {document['reason']}." in text
     assert f"{Advice.SETTLE} {document['remedy']}" in text
     document |= {"verdict": "suspect", "may_also_be": ["shade", "gain"]}
-    text = read(report_html(Verdict.model_validate(document), EMPTY)).text
+    text = read(write_report_html(Verdict.model_validate(document), EMPTY)).text
     assert "Not decided:" not in text  # the summary of a suspicion is its reason
     assert f": {CAUSES['shade']}, or {CAUSES['gain']}." in text
     order = [text.index(part) for part in (Advice.RELY_ON_NOTHING, Advice.SETTLE, document["summary"], "May also be:")]
@@ -342,7 +342,7 @@ def top_of(page: str) -> str:
 
 def test_what_is_cut_or_left_out_of_inputs_stands_at_the_top() -> None:
     inputs = [SAMPLE["inputs"][0] | {"cut": ["after 7 s"], "left_out": ["3 epochs"]}]
-    page = report_html(Verdict.model_validate(SAMPLE | {"inputs": inputs}), EMPTY)
+    page = write_report_html(Verdict.model_validate(SAMPLE | {"inputs": inputs}), EMPTY)
     assert "after 7 s" in top_of(page)
     assert "3 epochs" in top_of(page)
     assert "I/Q imbalance" not in top_of(page)
@@ -351,14 +351,14 @@ def test_what_is_cut_or_left_out_of_inputs_stands_at_the_top() -> None:
 
 def test_places_are_in_degrees_and_minutes_on_the_whole_page() -> None:
     settings = SAMPLE["settings"] | {"position_format": "degrees-minutes"}
-    page = report_html(Verdict.model_validate(SAMPLE | {"settings": settings}), EMPTY)
+    page = write_report_html(Verdict.model_validate(SAMPLE | {"settings": settings}), EMPTY)
     assert "59° 24.726′ N" in top_of(page)
     assert "59° 24.72600′ N" in page
     assert "59.4121" not in page
 
 
 def test_every_position_stands_with_its_time_by_both_clocks() -> None:
-    page = report_html(Verdict.model_validate(SAMPLE), EMPTY)
+    page = write_report_html(Verdict.model_validate(SAMPLE), EMPTY)
     rows = page[page.index('<table class="positions">') : page.index("</table>")].split("<tr>")[2:]
     assert rows
     assert all("10:00:59.9" in row and "10:00:41.9" in row for row in rows)

@@ -18,9 +18,9 @@ from skyproof.report.pictures import (
     SkyPosition,
     SkySource,
     TruePlace,
-    local_map,
-    sky_plot,
-    time_line,
+    draw_local_map,
+    draw_time_line,
+    plot_sky,
 )
 
 
@@ -86,7 +86,7 @@ def track(kind: Any, east_m: float, north_m: float, receiver: str = "rx1", **mor
 
 
 def test_the_map_has_equal_scales_and_north_up() -> None:
-    root = parsed(local_map([track("trusted", 0.0, 0.0), track("false", 300.0, 400.0)], title="map"))
+    root = parsed(draw_local_map([track("trusted", 0.0, 0.0), track("false", 300.0, 400.0)], title="map"))
     (disc,), (diamond,) = of_class(root, "mark", "trusted"), of_class(root, "mark", "false")
     x, y = corners(diamond)[0] + (0.0, 6.0)
     right, up = x - number(disc, "cx"), number(disc, "cy") - y
@@ -96,7 +96,7 @@ def test_the_map_has_equal_scales_and_north_up() -> None:
 
 
 def test_the_map_names_its_axes_with_units() -> None:
-    found = texts(parsed(local_map([track("trusted", 0.0, 0.0)], title="map")))
+    found = texts(parsed(draw_local_map([track("trusted", 0.0, 0.0)], title="map")))
     assert "east, m" in found
     assert "north, m" in found
     assert "0" in found
@@ -105,7 +105,7 @@ def test_the_map_names_its_axes_with_units() -> None:
 def test_the_ellipse_holds_95_percent() -> None:
     rng = np.random.default_rng(4)
     covariance_m2 = np.array([[4.0, 1.5], [1.5, 1.0]])
-    root = parsed(local_map([track("trusted", 10.0, -5.0, covariance_m2=covariance_m2)], title="map"))
+    root = parsed(draw_local_map([track("trusted", 10.0, -5.0, covariance_m2=covariance_m2)], title="map"))
     (ellipse,), (disc,) = of_class(root, "ellipse"), of_class(root, "mark", "trusted")
     # metres per pixel, from two labelled ticks of the east axis
     ticks = [
@@ -141,7 +141,7 @@ def test_places_that_coincide_share_a_label() -> None:
         for kind in ("trusted", "unprotected")
     ]
     tracks += [track("false", 600.0, -600.0, receiver) for receiver in ("rx1", "rx2")]
-    names = of_class(parsed(local_map(tracks, title="map")), "name")
+    names = of_class(parsed(draw_local_map(tracks, title="map")), "name")
     assert {e.text for e in names} == {"trusted, unprotected: rx1", "trusted, unprotected: rx2", "false: rx1, rx2"}
     boxes = [box(e) for e in names]
     assert not any(overlap(a, b) for i, a in enumerate(boxes) for b in boxes[:i])
@@ -150,25 +150,25 @@ def test_places_that_coincide_share_a_label() -> None:
 @given(st.lists(st.tuples(st.floats(-400.0, 400.0), st.floats(-400.0, 400.0)), min_size=2, max_size=5))
 def test_names_on_the_map_stay_inside_it_and_apart(places: list[tuple[float, float]]) -> None:
     tracks = [track("false", east_m, north_m, f"rx{i}") for i, (east_m, north_m) in enumerate(places)]
-    boxes = [box(e) for e in of_class(parsed(local_map(tracks, title="map")), "name")]
+    boxes = [box(e) for e in of_class(parsed(draw_local_map(tracks, title="map")), "name")]
     assert all(a[0] >= 50.0 and a[2] <= 350.0 for a in boxes)
     assert not any(overlap(a, b) for i, a in enumerate(boxes) for b in boxes[:i])
 
 
 def test_many_receivers_in_one_place_are_counted() -> None:
     tracks = [track("false", 0.0, 0.0, f"rx{i}") for i in range(10)] + [track("trusted", 500.0, 0.0)]
-    assert "false: 10 receivers" in texts(parsed(local_map(tracks, title="map")))
+    assert "false: 10 receivers" in texts(parsed(draw_local_map(tracks, title="map")))
 
 
 def test_on_a_crowded_map_the_weightiest_kind_is_labelled() -> None:
     tracks = [track(kind, 100.0 * i, 0.0, f"rx{i}") for i in range(8) for kind in ("trusted", "unprotected")]
-    names = [e.text for e in of_class(parsed(local_map(tracks, title="map")), "name")]
+    names = [e.text for e in of_class(parsed(draw_local_map(tracks, title="map")), "name")]
     assert names == [f"trusted: rx{i}" for i in range(8)]
 
 
 def test_the_truth_is_a_cross_that_is_named() -> None:
     truth = TruePlace(receiver="rx1", east_m=80.0, north_m=0.0)
-    root = parsed(local_map([track("trusted", 0.0, 0.0)], [truth], title="map"))
+    root = parsed(draw_local_map([track("trusted", 0.0, 0.0)], [truth], title="map"))
     (cross,), (disc,) = of_class(root, "true-place"), of_class(root, "mark", "trusted")
     assert corners(cross)[0, 0] + 7.0 > number(disc, "cx") + 50.0
     assert {"truth: rx1", "trusted: rx1"} <= set(texts(root))
@@ -176,7 +176,7 @@ def test_the_truth_is_a_cross_that_is_named() -> None:
 
 @pytest.mark.parametrize("reach_m", [3.0, 40.0, 110.0, 300.0, 970.0, 7500.0])
 def test_the_scale_bar_is_as_long_as_it_says(reach_m: float) -> None:
-    root = parsed(local_map([track("trusted", 0.0, 0.0), track("false", reach_m, 0.3 * reach_m)], title="map"))
+    root = parsed(draw_local_map([track("trusted", 0.0, 0.0), track("false", reach_m, 0.3 * reach_m)], title="map"))
     (bar,) = of_class(root, "bar")
     start, end = (float(v) for v in re.findall(r"M([\d.]+) .*H([\d.]+)", bar.get("d", ""))[0])
     (disc,), (diamond,) = of_class(root, "mark", "trusted"), of_class(root, "mark", "false")
@@ -200,15 +200,15 @@ def test_labels_that_are_far_apart_stay_where_they_are() -> None:
 
 def test_a_possible_position_is_drawn_as_such() -> None:
     tracks = [track("possible", 0.0, 0.0, "rx1 A"), track("possible", 500.0, 0.0, "rx1 B")]
-    root = parsed(local_map(tracks, title="map"))
+    root = parsed(draw_local_map(tracks, title="map"))
     assert len(of_class(root, "mark", "possible")) == 2
     assert {"possible: rx1 A", "possible: rx1 B"} <= set(texts(root))
 
 
 def test_a_track_without_a_fix_draws_nothing() -> None:
     nothing = FixTrack(receiver="rx1", kind="trusted", east_m=np.array([np.nan]), north_m=np.array([np.nan]))
-    assert local_map([nothing], title="map") == ""
-    assert len(of_class(parsed(local_map([nothing, track("false", 1.0, 2.0)], title="map")), "mark")) == 1
+    assert draw_local_map([nothing], title="map") == ""
+    assert len(of_class(parsed(draw_local_map([nothing, track("false", 1.0, 2.0)], title="map")), "mark")) == 1
 
 
 # The time line
@@ -231,7 +231,7 @@ def test_the_time_line_shows_labels_rows_units_and_onset() -> None:
         series("G05", "spoofed", 30, 61, 46, "b"),
         series("G07", "unknown", 0, 61, 42),
     ]
-    root = parsed(time_line(lines, title="time", zero="noon", onset_s=30.0))
+    root = parsed(draw_time_line(lines, title="time", zero="noon", onset_s=30.0))
     found = texts(root)
     assert {"G05", "G07", "onset", "time since noon, s", "C/N₀, each row 40 to 50 dB-Hz"} <= set(found)
     (onset,) = of_class(root, "onset")
@@ -249,19 +249,19 @@ def test_a_gap_in_a_signal_is_a_gap_in_its_line() -> None:
     broken = SignalSeries(
         receiver="rx1", signal=line.signal, label="authentic", seconds=line.seconds, cn0_dbhz=cn0_dbhz
     )
-    (path,) = of_class(parsed(time_line([broken], title="t", zero="z")), "series")
+    (path,) = of_class(parsed(draw_time_line([broken], title="t", zero="z")), "series")
     assert path.get("d", "").count("M") == 2
 
 
 def test_long_recordings_are_drawn_in_minutes_and_stay_small() -> None:
-    svg = time_line([series("G05", "authentic", 0, 3601, 44)], title="t", zero="z", points=100)
+    svg = draw_time_line([series("G05", "authentic", 0, 3601, 44)], title="t", zero="z", points=100)
     assert "time since z, min" in texts(parsed(svg))
     assert len(svg) < 6000
 
 
 def test_the_onset_has_a_band_of_two_sigma_to_either_side() -> None:
     lines = [series("G05", "authentic", 0, 101, 44)]
-    root = parsed(time_line(lines, title="t", zero="z", onset_s=50.0, onset_sigma_s=5.0))
+    root = parsed(draw_time_line(lines, title="t", zero="z", onset_s=50.0, onset_sigma_s=5.0))
     (band,), (onset,), (line,) = of_class(root, "onset-band"), of_class(root, "onset"), of_class(root, "series")
     x = corners(line)[:, 0]
     assert number(band, "width") == pytest.approx(0.2 * (x[-1] - x[0]), abs=0.3)
@@ -270,7 +270,7 @@ def test_the_onset_has_a_band_of_two_sigma_to_either_side() -> None:
 
 def test_the_end_of_an_attack_is_marked() -> None:
     lines = [series("G05", "authentic", 0, 101, 44)]
-    root = parsed(time_line(lines, title="t", zero="z", onset_s=20.0, until_s=70.0))
+    root = parsed(draw_time_line(lines, title="t", zero="z", onset_s=20.0, until_s=70.0))
     onset, end = (number(mark, "x1") for mark in of_class(root, "onset"))
     (line,) = of_class(root, "series")
     x = corners(line)[:, 0]
@@ -283,7 +283,7 @@ def test_a_ribbon_shows_how_long_a_signal_is_there() -> None:
     cn0_dbhz = line.cn0_dbhz.copy()
     cn0_dbhz[40:60] = np.nan
     broken = SignalSeries(receiver="rx1", signal=line.signal, label="spoofed", seconds=line.seconds, cn0_dbhz=cn0_dbhz)
-    root = parsed(time_line([series("G05", "authentic", 0, 101, 44), broken], title="t", zero="z"))
+    root = parsed(draw_time_line([series("G05", "authentic", 0, 101, 44), broken], title="t", zero="z"))
     (whole,), (parts,) = of_class(root, "ribbon", "authentic"), of_class(root, "ribbon", "spoofed")
     runs = [(float(a), float(b)) for a, b in re.findall(r"M([\d.]+) [\d.]+H([\d.]+)", parts.get("d", ""))]
     ((start, end),) = [(float(a), float(b)) for a, b in re.findall(r"M([\d.]+) [\d.]+H([\d.]+)", whole.get("d", ""))]
@@ -293,7 +293,7 @@ def test_a_ribbon_shows_how_long_a_signal_is_there() -> None:
 
 
 def test_an_onset_before_the_recording_is_not_drawn() -> None:
-    svg = time_line([series("G05", "spoofed", 0, 10, 44)], title="t", zero="z", onset_s=-5.0)
+    svg = draw_time_line([series("G05", "spoofed", 0, 10, 44)], title="t", zero="z", onset_s=-5.0)
     assert not of_class(parsed(svg), "onset")
 
 
@@ -307,7 +307,7 @@ def at(sat: str, azimuth_deg: float, elevation_deg: float, label: Any = "authent
 
 
 def test_the_sky_has_north_up_east_right_zenith_in_the_middle() -> None:
-    root = parsed(sky_plot([at("G01", 0, 0), at("G02", 90, 0), at("G03", 45, 90)], title="sky"))
+    root = parsed(plot_sky([at("G01", 0, 0), at("G02", 90, 0), at("G03", 45, 90)], title="sky"))
     north, east, zenith = ((number(d, "cx"), number(d, "cy")) for d in of_class(root, "symbol"))
     assert north[0] == zenith[0]
     assert north[1] < zenith[1]
@@ -317,13 +317,13 @@ def test_the_sky_has_north_up_east_right_zenith_in_the_middle() -> None:
 
 
 def test_a_satellite_of_two_labels_has_both_symbols() -> None:
-    root = parsed(sky_plot([at("G05", 30, 40), at("G05", 31, 40, "spoofed"), at("G07", 200, 20)], title="sky"))
+    root = parsed(plot_sky([at("G05", 30, 40), at("G05", 31, 40, "spoofed"), at("G07", 200, 20)], title="sky"))
     assert [len(of_class(root, "symbol", label)) for label in ("authentic", "spoofed")] == [2, 1]
     assert texts(root).count("G05") == 1
 
 
 def test_a_source_that_was_seen_is_marked() -> None:
-    root = parsed(sky_plot([at("G05", 30, 40)], [SkySource(name="S1", azimuth_deg=120, elevation_deg=5)], title="sky"))
+    root = parsed(plot_sky([at("G05", 30, 40)], [SkySource(name="S1", azimuth_deg=120, elevation_deg=5)], title="sky"))
     assert len(of_class(root, "cross")) == 1
     assert "S1" in texts(root)
 
@@ -332,7 +332,7 @@ def test_a_source_that_was_seen_is_marked() -> None:
 
 
 def test_names_from_outside_are_escaped() -> None:
-    svg = local_map([track("trusted", 0.0, 0.0, "<b>&")], title='"<i>')
+    svg = draw_local_map([track("trusted", 0.0, 0.0, "<b>&")], title='"<i>')
     assert "&lt;b&gt;&amp;" in svg
     assert "<i>" not in svg
     parsed(svg)
@@ -348,4 +348,4 @@ def test_records_of_pictures_are_checked_and_frozen() -> None:
 
 
 def test_without_anything_to_draw_nothing_is_drawn() -> None:
-    assert local_map([], title="t") == time_line([], title="t", zero="z") == sky_plot([], title="t") == ""
+    assert draw_local_map([], title="t") == draw_time_line([], title="t", zero="z") == plot_sky([], title="t") == ""

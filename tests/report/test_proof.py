@@ -11,7 +11,7 @@ from tests.report.svg import of_class, parsed, texts
 
 from skyproof.report import methods
 from skyproof.report.pictures import DelayProfile, DelayTag, RangeDifference
-from skyproof.report.proof import chance_scale, difference_plot, profile_plot
+from skyproof.report.proof import draw_chance_scale, plot_differences, plot_profiles
 from skyproof.report.words import distance_words, offset_words, place_words
 
 
@@ -40,7 +40,7 @@ def profile(sat: str, *tags: tuple[Any, float], height: float = 20.0) -> DelayPr
 
 
 def test_every_signal_is_marked_above_its_peak_with_its_label() -> None:
-    root = parsed(profile_plot([profile("G05", ("authentic", 0.0), ("spoofed", 6.0))], title="correlation"))
+    root = parsed(plot_profiles([profile("G05", ("authentic", 0.0), ("spoofed", 6.0))], title="correlation"))
     (curve,) = of_class(root, "curve")
     points = np.array(re.findall(r"[ML](-?[\d.]+) (-?[\d.]+)", curve.get("d", "")), float)
     for label, delay in (("authentic", 0.0), ("spoofed", 6.0)):
@@ -53,7 +53,7 @@ def test_every_signal_is_marked_above_its_peak_with_its_label() -> None:
 
 def test_all_panels_have_one_scale() -> None:
     strong, weak = profile("G05", ("authentic", 0.0), height=40.0), profile("G07", ("authentic", 0.0), height=10.0)
-    curves = of_class(parsed(profile_plot([strong, weak], title="c")), "curve")
+    curves = of_class(parsed(plot_profiles([strong, weak], title="c")), "curve")
     tall = [np.ptp([float(y) for _, y in re.findall(r"[ML](-?[\d.]+) (-?[\d.]+)", c.get("d", ""))]) for c in curves]
     assert tall[0] / tall[1] == pytest.approx(4.0, rel=0.05)
 
@@ -69,7 +69,7 @@ def test_false_signals_stand_in_one_line_true_ones_do_not() -> None:
     metres = {"G01": -40.0, "G02": 10.0, "G03": 30.0}
     rows = [difference(sat, "authentic", m) for sat, m in metres.items()]
     rows += [difference(sat, "spoofed", 0.0) for sat in metres]
-    root = parsed(difference_plot(rows, title="differences"))
+    root = parsed(plot_differences(rows, title="differences"))
     false = [place(mark)[0] for mark in of_class(root, "symbol", "spoofed")]
     true = [place(mark)[0] for mark in of_class(root, "symbol", "authentic")]
     assert np.ptp(false) == 0.0
@@ -83,14 +83,14 @@ def test_false_signals_stand_in_one_line_true_ones_do_not() -> None:
 
 @pytest.mark.parametrize(("p_value", "side"), [(1e-3, -1), (1e-7, 0), (1e-9, 1), (0.0, 1), (1.0, -1)])
 def test_a_p_value_stands_on_its_side_of_what_was_allowed(p_value: float, side: int) -> None:
-    root = parsed(chance_scale(p_value, 1e-7, title="chance"))
+    root = parsed(draw_chance_scale(p_value, 1e-7, title="chance"))
     (mark,), (limit,) = of_class(root, "mark"), of_class(root, "limit")
     assert np.sign(round(float(mark.get("cx", "nan")) - float(limit.get("x1", "nan")), 3)) == side
     assert 0.0 < float(mark.get("cx", "nan")) < 360.0
 
 
 def test_without_anything_to_draw_nothing_is_drawn() -> None:
-    assert profile_plot([], title="c") == difference_plot([], title="d") == ""
+    assert plot_profiles([], title="c") == plot_differences([], title="d") == ""
 
 
 # Words

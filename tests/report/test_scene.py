@@ -21,13 +21,13 @@ from skyproof.report.scene import (
     Setting,
     SettingGroup,
     Switching,
-    array_plot,
-    line_plot,
-    scene_html,
-    scene_map,
-    switching_plot,
+    draw_scene_map,
+    plot_array,
+    plot_lines,
+    plot_switching,
+    write_scene_html,
 )
-from skyproof.report.stability import AllanCurve, allan_plot
+from skyproof.report.stability import AllanCurve, plot_allan
 
 
 def corners(path: ElementTree.Element) -> np.ndarray[Any, Any]:
@@ -76,7 +76,7 @@ def test_a_label_that_finds_no_room_is_led_back_to_its_mark() -> None:
 
 def test_the_map_has_equal_scales_and_a_shape_for_each_role() -> None:
     root = parsed(
-        scene_map(
+        draw_scene_map(
             [
                 way("rx", "receiver", (0, 0)),
                 way("m", "transmits", (300, 400)),
@@ -98,7 +98,7 @@ def test_the_map_has_equal_scales_and_a_shape_for_each_role() -> None:
 
 def test_a_moving_bodys_way_is_drawn_from_ring_to_mark() -> None:
     root = parsed(
-        scene_map([way("car", "receiver", (0, 0), (100, 0), (100, 200)), way("x", "shows", (0, 200))], title="map")
+        draw_scene_map([way("car", "receiver", (0, 0), (100, 0), (100, 200)), way("x", "shows", (0, 200))], title="map")
     )
     (start,) = of_class(root, "start", "receiver")
     (mark,) = of_class(root, "mark", "receiver")
@@ -109,21 +109,21 @@ def test_a_moving_bodys_way_is_drawn_from_ring_to_mark() -> None:
 
 
 def test_long_ways_are_drawn_in_kilometres() -> None:
-    root = parsed(scene_map([way("a", "receiver", (0, 0), (30_000, 10_000))], title="map"))
+    root = parsed(draw_scene_map([way("a", "receiver", (0, 0), (30_000, 10_000))], title="map"))
     assert "east, km" in texts(root)
     assert "20" in texts(root)
 
 
 def test_receivers_at_one_place_share_a_label() -> None:
     some = parsed(
-        scene_map(
+        draw_scene_map(
             [way(f"rx{i}", "receiver", (0.1 * i, 0)) for i in range(3)] + [way("far", "receiver", (900, 0))],
             title="map",
         )
     )
     assert "rx0, rx1, rx2" in texts(some)
     many = parsed(
-        scene_map(
+        draw_scene_map(
             [way(f"receiver{i}", "receiver", (0.1 * i, 0)) for i in range(8)] + [way("far", "receiver", (900, 0))],
             title="map",
         )
@@ -140,7 +140,7 @@ def test_antennas_stand_forward_up_and_right_to_the_right() -> None:
         Element(name="B", forward_m=0.2, right_m=0.0),
         Element(name="C", forward_m=0.0, right_m=0.2, down_m=-0.03),
     ]
-    root = parsed(array_plot(elements, title="array"))
+    root = parsed(plot_array(elements, title="array"))
     a, b, c = ((number(e, "cx"), number(e, "cy")) for e in of_class(root, "mark", "receiver"))
     assert b[0] == a[0]
     assert c[1] == a[1]
@@ -150,7 +150,7 @@ def test_antennas_stand_forward_up_and_right_to_the_right() -> None:
 
 def test_an_arm_is_drawn_where_it_begins_on_its_circle() -> None:
     root = parsed(
-        array_plot([Element(name="tip", forward_m=0.0, right_m=0.0, radius_m=0.5, start_deg=90.0)], title="arm")
+        plot_array([Element(name="tip", forward_m=0.0, right_m=0.0, radius_m=0.5, start_deg=90.0)], title="arm")
     )
     (mark,), (circle,) = of_class(root, "mark", "receiver"), of_class(root, "way", "receiver")
     assert number(mark, "cx") - number(circle, "cx") == pytest.approx(number(circle, "r"), abs=0.2)
@@ -162,7 +162,7 @@ def test_an_arm_is_drawn_where_it_begins_on_its_circle() -> None:
 
 def test_a_line_breaks_at_missing_data_and_is_named_at_its_end() -> None:
     root = parsed(
-        line_plot(
+        plot_lines(
             [line("G05", 100.0, 110.0, np.nan, 130.0, 140.0)], title="t", zero="start", quantity="behind", metres=True
         )
     )
@@ -173,14 +173,14 @@ def test_a_line_breaks_at_missing_data_and_is_named_at_its_end() -> None:
 
 def test_names_at_the_ends_of_lines_do_not_overlap() -> None:
     lines = [line(f"G{i:02}", 0.0, 1.0 + 1e-3 * i) for i in range(15)]
-    root = parsed(line_plot(lines, title="t", zero="z", quantity="q"))
+    root = parsed(plot_lines(lines, title="t", zero="z", quantity="q"))
     heights = sorted(number(e, "y") for e in of_class(root, "name"))
     assert len(heights) == 15
     assert min(np.diff(heights)) >= 11.5
 
 
 def test_far_offsets_are_drawn_in_kilometres() -> None:
-    root = parsed(line_plot([line("G05", 3e4, 5e4)], title="t", zero="z", quantity="q", metres=True))
+    root = parsed(plot_lines([line("G05", 3e4, 5e4)], title="t", zero="z", quantity="q", metres=True))
     assert "q, km" in texts(root)
     assert "40" in texts(root)
 
@@ -189,7 +189,7 @@ def test_a_transmitter_is_filled_while_it_is_on_only() -> None:
     power_db = np.full(101, 3.0)
     power_db[:20] = power_db[60:] = np.nan
     root = parsed(
-        switching_plot(
+        plot_switching(
             [Switching(name="spoofer", what="over", role="transmits", seconds=np.arange(101.0), power_db=power_db)],
             (0.0, 100.0),
             title="t",
@@ -207,7 +207,7 @@ def test_a_transmitter_is_filled_while_it_is_on_only() -> None:
 def test_the_stronger_the_higher() -> None:
     power_db = np.linspace(-5.0, 0.8, 11)
     row = Switching(name="jam", what="n", role="disturbs", seconds=np.arange(11.0), power_db=power_db)
-    root = parsed(switching_plot([row], (0.0, 10.0), title="t", zero="z"))
+    root = parsed(plot_switching([row], (0.0, 10.0), title="t", zero="z"))
     y = corners(of_class(root, "on")[0])[1:12, 1]
     assert (np.diff(y) < 0.0).all()
     assert "n, \N{MINUS SIGN}5 to +0.8 dB" in texts(root)
@@ -217,7 +217,7 @@ def test_allan_deviations_stand_on_their_theory() -> None:
     tau_s = np.array([0.1, 1.0, 10.0])
     theory = 1e-3 / np.sqrt(tau_s)
     root = parsed(
-        allan_plot(
+        plot_allan(
             [
                 AllanCurve(
                     name="grade", tau_s=tau_s, deviation=theory, lower=0.9 * theory, upper=1.1 * theory, theory=theory
@@ -276,7 +276,7 @@ def page(**changes: Any) -> ScenePage:
 
 
 def test_everything_on_the_page_is_escaped() -> None:
-    html = scene_html(page())
+    html = write_scene_html(page())
     for words in (
         "scene",
         "fact",
@@ -304,13 +304,13 @@ def test_everything_on_the_page_is_escaped() -> None:
 
 def test_a_scene_without_attacks_has_a_page() -> None:
     nothing = dict.fromkeys(("skies", "offsets", "disturbance", "switching", "displacements", "arrays", "settings"), ())
-    html = scene_html(page(**nothing))
+    html = write_scene_html(page(**nothing))
     assert "on when" not in html
     assert "Signals of" in html
 
 
 def test_what_is_small_on_the_map_is_drawn_closer() -> None:
     far = (way("a", "receiver", (0, 0)), way("b", "receiver", (20, 0)), way("m", "transmits", (900, 0)))
-    assert "Close up" in scene_html(page(ways=far))
+    assert "Close up" in write_scene_html(page(ways=far))
     near = (way("a", "receiver", (0, 0)), way("b", "receiver", (20, 0)), way("m", "transmits", (30, 0)))
-    assert "Close up" not in scene_html(page(ways=near))
+    assert "Close up" not in write_scene_html(page(ways=near))

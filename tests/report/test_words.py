@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyproof.gnss.time import format_clock, format_instant, format_moment
-from skyproof.report.evidence import by_chance
+from skyproof.report.evidence import describe_chance
 from skyproof.report.words import (
     angle_words,
     chance_words,
@@ -87,9 +87,9 @@ def test_degrees_and_decimal_minutes_are_as_fine_as_degrees() -> None:
 def test_no_more_is_claimed_of_evidence_than_was_counted() -> None:
     assert evidence_words(1e-30) == evidence_words(9e-7) == f"less than {chance_words(1e-6)}"
     assert evidence_words(1e-5) == chance_words(1e-5)
-    assert "1e-30" not in by_chance("spoofed", 1e-30)
-    assert evidence_words(1e-30) in by_chance("spoofed", 1e-30)
-    assert by_chance("authentic", 1e-3) != by_chance("attack", 1e-3)  # under another hypothesis
+    assert "1e-30" not in describe_chance("spoofed", 1e-30)
+    assert evidence_words(1e-30) in describe_chance("spoofed", 1e-30)
+    assert describe_chance("authentic", 1e-3) != describe_chance("attack", 1e-3)  # under another hypothesis
 
 
 @pytest.mark.parametrize(

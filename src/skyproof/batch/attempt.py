@@ -25,8 +25,8 @@ digits."""
 
 
 def attempt(task: Task) -> Ended:
-    """Do the work in a folder that becomes the item's if it ends well; an error of the work is how the item ended."""
-    here = os.getcwd()
+    """Do the work in a folder that becomes the item's if it ends well; an error is how the item ended."""
+    folder_before = os.getcwd()
     try:
         with Store(task.store).filling(task.item) as folder:
             task.work(task.item.given, folder)
@@ -39,5 +39,5 @@ def attempt(task: Task) -> Ended:
             "not of the input",
         )
     finally:
-        os.chdir(here)
+        os.chdir(folder_before)
     return Ended(key=task.item.key)

@@ -36,8 +36,8 @@ class _Worker:
         self.tasks.send(task)
         self.key = task.item.key
 
-    def ended(self) -> Ended:
-        """How its task ended; waits until it did."""
+    def wait_for_end(self) -> Ended:
+        """Wait until its task has ended, and return how."""
         key, self.key = self.key or "", None
         try:
             answer: Ended = self.tasks.recv()
@@ -71,12 +71,12 @@ class Processes:
 
     @property
     def free(self) -> int:
-        """How many tasks can be begun now."""
+        """Return how many tasks can be begun now."""
         return self.count - sum(worker.key is not None for worker in self._workers)
 
     def begin(self, task: Task) -> None:
         """Give a task to a process that has none."""
-        for worker in [one for one in self._workers if one.key is None]:
+        for worker in [free for free in self._workers if free.key is None]:
             try:
                 return worker.begin(task)
             except OSError:
@@ -84,13 +84,13 @@ class Processes:
         self._workers.append(_Worker())
         self._workers[-1].begin(task)
 
-    def ended(self, timeout_s: float) -> list[Ended]:
-        """The tasks that ended since it was asked last; waits so long for one."""
+    def collect_ended(self, timeout_s: float) -> list[Ended]:
+        """Collect the tasks that ended since the last call, waiting up to a time for one."""
         busy = {worker.tasks: worker for worker in self._workers if worker.key is not None}
         found = []
         for ready in wait(list(busy), timeout_s):
             worker = busy[ready]  # type: ignore[index]
-            found.append(worker.ended())
+            found.append(worker.wait_for_end())
             if found[-1].lost:
                 self._drop(worker)
         return found

@@ -62,19 +62,19 @@ class RayNodes:
 
     @property
     def free(self) -> int:
-        """How many tasks can be begun now; grows with nodes that join."""
+        """Return how many tasks can be begun now; grows with nodes that join."""
         return AHEAD * max(int(ray.cluster_resources().get("CPU", 0.0)), 1) - len(self._keys)
 
     def begin(self, task: Task) -> None:
         """Give a task to the cluster."""
         self._keys[self._attempt.remote(task, self._version)] = task.item.key
 
-    def ended(self, timeout_s: float) -> list[Ended]:
-        """The tasks that ended since it was asked last; waits so long for one."""
+    def collect_ended(self, timeout_s: float) -> list[Ended]:
+        """Collect the tasks that ended since the last call, waiting up to a time for one."""
         ready, _ = ray.wait(list(self._keys), num_returns=1, timeout=timeout_s)
-        return [self._ended(reference) for reference in ready]
+        return [self._read_answer(reference) for reference in ready]
 
-    def _ended(self, reference: Any) -> Ended:
+    def _read_answer(self, reference: Any) -> Ended:
         key = self._keys.pop(reference)
         try:
             answer: Ended = ray.get(reference)
@@ -93,7 +93,10 @@ def _require_reached(address: str) -> None:
 
 
 def _attempt(task: Task, expected: str) -> Ended:
-    """On a node. Another version makes other bytes."""
+    """Attempt a task on a node, which must have the same version: another one makes other bytes.
+
+    Another version makes other bytes.
+    """
     if (found := version("skyproof")) != expected:
         return Ended(
             key=task.item.key, error=f"a node has skyproof {found}, the run {expected}; install the same on all"

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from skyproof.batch.item import Ended, Item, Task, Work
 from skyproof.batch.store import Store
-from skyproof.interruption import Stopped, came, deferred
+from skyproof.interruption import Stopped, defer, has_come
 
 __all__ = ["Runner", "run"]
 
@@ -19,13 +19,13 @@ class Runner(Protocol):
 
     @property
     def free(self) -> int:
-        """How many tasks can be begun now."""
+        """Return how many tasks can be begun now."""
 
     def begin(self, task: Task) -> None:
-        """Have a task done, and come back at once."""
+        """Begin a task, and return at once."""
 
-    def ended(self, timeout_s: float) -> list[Ended]:
-        """The tasks that ended since it was asked last; waits so long for one, at most."""
+    def collect_ended(self, timeout_s: float) -> list[Ended]:
+        """Collect the tasks that ended since the last call, waiting up to a time for one."""
 
 
 def run(
@@ -37,7 +37,7 @@ def run(
     report: Callable[[int], None] = lambda done: None,
     say: Callable[[str], None] = lambda text: None,
 ) -> tuple[dict[str, str], bool]:
-    """Do every item that the store does not have, and return the errors by key, and whether Ctrl-C left items out.
+    """Run every item that the store lacks; return errors by key, and whether Ctrl-C left items out.
 
     An item whose worker dies is done once more, since that may not have been its fault; whoever loses two is listed.
     After a first Ctrl-C, SIGTERM or SIGHUP no item is begun and those under way come to their end; a second one stops
@@ -67,15 +67,15 @@ def run(
     report(len(items) - len(waiting))
     announced = False
     try:
-        with deferred():
-            while under_way or (waiting and not came()):
-                while waiting and runner.free > 0 and not came():
+        with defer():
+            while under_way or (waiting and not has_come()):
+                while waiting and runner.free > 0 and not has_come():
                     runner.begin(Task(item=waiting.popleft(), work=work, store=store.folder.absolute()))
                     under_way += 1
-                if came() and not announced:
+                if has_come() and not announced:
                     say("interrupted: items under way come to their end; interrupt again to stop them too")
                     announced = True
-                for ended in runner.ended(POLL_S):
+                for ended in runner.collect_ended(POLL_S):
                     under_way -= 1
                     if ended.lost and ended.key not in lost:
                         lost.add(ended.key)
@@ -84,5 +84,5 @@ def run(
                         errors[ended.key] = f"{ended.error}, twice" if ended.lost else ended.error
                 report(len(items) - len(waiting) - under_way)
     except Stopped:
-        raise Stopped("what is done is kept; the same command goes on from it") from None
+        raise Stopped("what is done is kept; the same command continues from it") from None
     return errors, bool(waiting)

@@ -38,7 +38,7 @@ class Store:
 
     @property
     def exists(self) -> bool:
-        """Whether a run has written into the folder."""
+        """Test whether a run has written into the folder."""
         return self._done.is_dir()
 
     def __enter__(self) -> Self:
@@ -71,23 +71,23 @@ class Store:
         os.close(self._lock)
 
     def _clear(self) -> None:
-        """Remove what runs that were killed left under way."""
-        for left in self._doing.iterdir():
-            shutil.rmtree(left, ignore_errors=True)
+        """Remove what killed runs left under way."""
+        for part in self._doing.iterdir():
+            shutil.rmtree(part, ignore_errors=True)
 
     def of(self, key: str) -> Path:
-        """The folder of an item's results."""
+        """Return the folder of an item's results."""
         return self.folder / ITEMS / key
 
     def has(self, item: Item) -> bool:
-        """Whether the item is done, of what it is made of now."""
+        """Test whether the item is done, from its present content."""
         try:
             return (self._done / item.key).read_text(encoding="ascii") == _mark(item) and self.of(item.key).is_dir()
         except OSError:
             return False
 
     def has_other(self, item: Item) -> bool:
-        """Whether the item is done, of something else than it is made of now."""
+        """Test whether the item is done from other content than its present one."""
         return (self._done / item.key).exists() and self.of(item.key).is_dir() and not self.has(item)
 
     def forget(self, key: str) -> None:
@@ -97,7 +97,7 @@ class Store:
 
     @contextmanager
     def filling(self, item: Item) -> Iterator[Path]:
-        """An empty folder, whose files become the item's results when the block ends well, and vanish if not."""
+        """Provide an empty folder, whose files become the item's results when the block ends well."""
         part = self._doing / uuid4().hex
         part.mkdir()
         try:

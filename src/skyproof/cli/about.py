@@ -19,9 +19,9 @@ def about() -> int:
         f"skyproof {_version('skyproof')}",
         f"Python {platform.python_version()} ({platform.python_implementation()})",
         f"{platform.platform()}, {platform.machine()}",
-        f"{_processor()}, {_cores()}",
+        f"{_processor()}, {_count_cores()}",
         ", ".join(f"{name} {_version(name)}" for name in LIBRARIES),
-        _kernels(),
+        _count_kernels(),
     ):
         sys.stdout.write(f"{line}\n")
     return 0
@@ -44,29 +44,32 @@ def _processor() -> str:
         return platform.processor() or "processor unknown"
 
 
-def _cores() -> str:
-    """Those that this process may use, and those that there are."""
-    there = os.cpu_count() or 1
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else there
-    words = f"{there} core{'s' * (there > 1)}"
-    return words if usable == there else f"{usable} of {words}"
+def _count_cores() -> str:
+    """Count the cores that this process may use, and all that there are."""
+    n_cores = os.cpu_count() or 1
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else n_cores
+    words = f"{n_cores} core{'s' * (n_cores > 1)}"
+    return words if usable == n_cores else f"{usable} of {words}"
 
 
-def _kernels() -> str:
-    """Whether compiled kernels are at hand, in any place of `skyproof.compiled`; Numba keeps an index file for each."""
+def _count_kernels() -> str:
+    """Count the compiled kernels in every place of `skyproof.compiled`."""
     asked = os.environ.get("NUMBA_CACHE_DIR")
     user = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "numba"
-    places = {PACKAGE: [PACKAGE], user: _folders_of_user(user)}
+    places = {PACKAGE: [PACKAGE], user: _list_user_folders(user)}
     if asked:
         places = {Path(asked): [Path(asked)]} | places
-    counts = {place: sum(1 for one in folders for _ in one.rglob("*.nbi")) for place, folders in places.items()}
+    counts = {
+        place: sum(1 for folder_of_index in folders for _ in folder_of_index.rglob("*.nbi"))
+        for place, folders in places.items()
+    }
     found = [f"{count} in {folder}" for folder, count in counts.items() if count]
     if not found:
         return "compiled kernels: none; the first run compiles them, once, in about a minute"
     return f"compiled kernels: {', '.join(found)}"
 
 
-def _folders_of_user(user: Path) -> list[Path]:
-    """Where Numba keeps those of this package in a user's cache: a folder for each of its own, named by a sum."""
+def _list_user_folders(user: Path) -> list[Path]:
+    """List where Numba keeps this package's kernels in a user's cache: folders named by a sum."""
     folders = [PACKAGE, *(path for path in PACKAGE.rglob("*") if path.is_dir())]
     return [user / f"{path.name}_{hashlib.sha1(str(path).encode()).hexdigest()}" for path in folders]

@@ -22,7 +22,9 @@ def install_completion(
         Path | None, Parameter(help="File for the script, in place of the shell's own folder and start-up file.")
     ] = None,
 ) -> int:
-    """Let the shell complete commands, options and files with Tab: writes a script, and a line into the start-up file.
+    """Install completion of commands, options and files with Tab.
+
+    It writes a script, and a line into the start-up file.
 
     bash loads it from ~/.bashrc, zsh from ~/.zshrc, fish from ~/.config/fish/completions; it works in a new shell.
     """

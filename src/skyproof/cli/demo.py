@@ -12,7 +12,7 @@ from skyproof.cli.options import Debug, Json
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import whatever_is_missing
 from skyproof.cli.summary import print_result
-from skyproof.interruption import interrupted_code
+from skyproof.interruption import get_exit_code
 
 __all__ = ["demo"]
 
@@ -33,4 +33,4 @@ def demo(
     print_result(result, as_json=json)
     if open_report and result.folder is not None:
         webbrowser.open((result.folder / "report.html").resolve().as_uri())
-    return interrupted_code() if result.interrupted else 0
+    return get_exit_code() if result.interrupted else 0

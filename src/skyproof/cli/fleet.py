@@ -12,8 +12,8 @@ from skyproof import app
 from skyproof.cli.options import Debug, OneDocument
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import complain, print_document, print_path, print_table, table, words
-from skyproof.interruption import interrupted_code
-from skyproof.verdict import word_shown
+from skyproof.interruption import get_exit_code
+from skyproof.verdict import write_word
 
 if TYPE_CHECKING:
     from skyproof.app.fleet import FleetResult
@@ -66,8 +66,8 @@ def fleet(
     if len(failed) > MOST_FAILED:
         complain(f"and {len(failed) - MOST_FAILED} more that failed; {result.folder / 'fleet.html'} lists all")
     if result.interrupted:
-        complain("interrupted: not all items were done; the same command goes on from here")
-        return interrupted_code()
+        complain("interrupted: not all items were done; the same command continues from here")
+        return get_exit_code()
     if failed:
         names = ", ".join([*(row.name for row in failed[:MOST_FAILED]), *("..." for _ in failed[MOST_FAILED:][:1])])
         complain(
@@ -82,6 +82,6 @@ def _print_counts(result: "FleetResult") -> None:
     console = Console()
     counts = table("items", "", numbers=0)
     for how, count in result.counts.most_common():
-        counts.add_row(str(count), words(word_shown(how)))
+        counts.add_row(str(count), words(write_word(how)))
     print_table(console, counts)
     print_path("page:", result.folder / "fleet.html")

@@ -96,7 +96,7 @@ def inspect(
                 show_log(Console(), inspection)
             else:
                 show_inspection(Console(), inspection)
-    recordings = tuple(one for one in inspections if not isinstance(one, app.inspect.LogInspection))
+    recordings = tuple(found for found in inspections if not isinstance(found, app.inspect.LogInspection))
     if recordings and (plot or out is not None):
         _write_pictures(recordings, file, out, overwrite=overwrite, quiet=json)
     return 0
@@ -111,5 +111,5 @@ def _write_pictures(
 
 
 def run_inspect(file: Path, **options: Any) -> "tuple[Inspection | LogInspection, ...]":
-    """The use case, loaded when it is called."""
+    """Load and run the use case."""
     return app.inspect.inspect(file, **options)

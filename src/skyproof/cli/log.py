@@ -37,8 +37,8 @@ def show_log(console: Console, log: "LogInspection") -> None:
         if len(log.messages) > _MESSAGES:
             console.print(words(f"and {len(log.messages) - _MESSAGES} more kinds: --json has all", style="dim"))
         console.print()
-    own = [("positions", log.fixes), ("levels of the front end", log.levels), ("states", log.states)]
-    held = ", ".join(f"{count} {name}" for name, count in own if count)
+    receiver_data = [("positions", log.fixes), ("levels of the front end", log.levels), ("states", log.states)]
+    held = ", ".join(f"{count} {name}" for name, count in receiver_data if count)
     if held:
         alarms = f"; it alarms in {log.alarms}" if log.alarms else ""
         console.print(words(f"The receiver's own: {held}{alarms}."))

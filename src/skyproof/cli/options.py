@@ -32,14 +32,14 @@ _UNITS = {"s": "seconds", "hz": "hertz", "m": "metres", "deg": "degrees"}
 
 
 def setting(name: str) -> Parameter:
-    """The help of an option that is a setting: its description, unit and default, from where they are defined."""
+    """Build the help of an option that is a setting from its description, unit and default."""
     field = Settings.model_fields[name]
-    default = _NOT_GIVEN[name] if field.default is None else _shown(field.default)
+    default = _NOT_GIVEN[name] if field.default is None else _write_default(field.default)
     unit = _UNITS.get(name.rpartition("_")[2])
     return Parameter(help=" ".join(filter(None, (field.description, unit and f"In {unit}.", f"Default: {default}."))))
 
 
-def _shown(value: float | str) -> str:
+def _write_default(value: float | str) -> str:
     return value if isinstance(value, str) else f"{value:g}"
 
 

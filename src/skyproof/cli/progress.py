@@ -21,7 +21,7 @@ BAR_WIDTH, BESIDE_WIDTH = 24, 24
 
 
 def progress() -> Progress:
-    """Bars only where standard error is a terminal, whatever colours are asked for: a log shall hold no bars."""
+    """Choose bars only where standard error is a terminal: a log shall hold none."""
     return _Bars(Console(file=cast(IO[str], _Bearing(sys.stderr)))) if sys.stderr.isatty() else _Lines()
 
 

@@ -11,7 +11,7 @@ from skyproof.cli.options import Debug, Duration, Json, Nav, Overwrite, Place, R
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import whatever_is_missing
 from skyproof.cli.summary import print_result
-from skyproof.interruption import interrupted_code
+from skyproof.interruption import get_exit_code
 
 __all__ = ["protect"]
 
@@ -78,5 +78,5 @@ def protect(
         )
     print_result(result, as_json=json)
     if result.interrupted:
-        return interrupted_code()
+        return get_exit_code()
     return EXIT_CODES[result.verdict.verdict] if exit_code else 0

@@ -11,7 +11,7 @@ from skyproof import app
 from skyproof.cli.options import Debug, Duration, Nav, OneDocument, Overwrite, Place, Reach, Start, Tracking
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import complain, print_document, print_path, whatever_is_missing, words
-from skyproof.interruption import interrupted_code
+from skyproof.interruption import get_exit_code
 
 if TYPE_CHECKING:
     from skyproof.app.receive import ReceiveResult
@@ -55,7 +55,7 @@ def receive(
             progress=progress(),
         )
     _show(result, as_json=json)
-    return interrupted_code() if result.interrupted else 0
+    return get_exit_code() if result.interrupted else 0
 
 
 def _show(result: "ReceiveResult", *, as_json: bool) -> None:

@@ -12,20 +12,20 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from skyproof.errors import IncompleteOutput, readable
+from skyproof.errors import IncompleteOutput, make_readable
 
 __all__ = ["complain", "print_document", "print_path", "print_table", "table", "whatever_is_missing", "words"]
 
 
 def complain(text: str) -> None:
-    """One line on standard error, if that can be written: there is nowhere else to say so."""
+    """Print one line on standard error, if that can be written."""
     with contextlib.suppress(OSError):
-        print(f"skyproof: {' '.join(readable(text).split())}", file=sys.stderr)
+        print(f"skyproof: {' '.join(make_readable(text).split())}", file=sys.stderr)
 
 
 @contextlib.contextmanager
 def whatever_is_missing(show: Callable[[Any], object]) -> Iterator[None]:
-    """Show the result also where not all its files could be written, and then raise the error that says so."""
+    """Show the result also where not all its files could be written, and then raise the error about them."""
     try:
         yield
     except IncompleteOutput as error:
@@ -34,17 +34,17 @@ def whatever_is_missing(show: Callable[[Any], object]) -> Iterator[None]:
 
 
 def words(text: str, style: str = "") -> Text:
-    """Words for a terminal, which they do not command: names of files and what stands in them may hold anything."""
-    return Text(readable(text), style=style)
+    """Build words for a terminal, which they do not command."""
+    return Text(make_readable(text), style=style)
 
 
 def print_path(what: str, path: Path) -> None:
-    """A path on one line however long it is, so that it can be copied."""
+    """Print a path on one line however long it is, so that it can be copied."""
     Console().print(words(f"{what} {path}"), soft_wrap=True)
 
 
 def print_document(text: str) -> None:
-    """A JSON document on standard output, in ASCII where that takes nothing else."""
+    """Print a JSON document on standard output, in ASCII where that takes nothing else."""
     try:
         text.encode(sys.stdout.encoding or "utf-8")
     except UnicodeEncodeError:
@@ -53,7 +53,7 @@ def print_document(text: str) -> None:
 
 
 def print_table(console: Console, table: Table) -> None:
-    """A table as wide as its numbers need: a terminal that is narrower breaks its lines, and cuts nothing."""
+    """Print a table as wide as its numbers need."""
     width, measured = console.width, Measurement.get(console, console.options.update(max_width=10_000), table)
     whole = all(column.no_wrap for column in table.columns)  # what never breaks is not counted in the minimum
     console.width = max(width, measured.maximum if whole else measured.minimum)
@@ -62,7 +62,7 @@ def print_table(console: Console, table: Table) -> None:
 
 
 def table(*headings: str, numbers: int = 0) -> Table:
-    """A table without lines; its last `numbers` columns hold numbers, and lines of a table with numbers never break."""
+    """Make a table without lines; its last `numbers` columns hold numbers."""
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
     for index, heading in enumerate(headings):
         number = index >= len(headings) - numbers

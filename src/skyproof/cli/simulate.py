@@ -11,7 +11,7 @@ from skyproof.cli.options import Debug, OneDocument, Overwrite
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import complain, print_document, print_path, print_table, table, words
 from skyproof.errors import SettingsError
-from skyproof.interruption import interrupted_code
+from skyproof.interruption import get_exit_code
 
 if TYPE_CHECKING:
     from skyproof.app.scenes.simulate import SimulateResult
@@ -97,7 +97,7 @@ def simulate(
         print_document(app.simulate.write_document_json(result))
     else:
         _print_result(result)
-    return interrupted_code() if result.interrupted else 0
+    return get_exit_code() if result.interrupted else 0
 
 
 def _draw_all(folder: Path) -> int:
@@ -117,9 +117,9 @@ def _print_result(result: "SimulateResult") -> None:
     attacks = ", ".join(made.attack_names) or "none"
     console.print(words(f"{made.duration_s:g} s, seed {made.seed}, attacks: {attacks}", style="dim"))
     kinds = (("recording", result.recordings), ("observations", result.observations), ("log", result.logs))
-    for what, paths in kinds:
+    for name, paths in kinds:
         for path in paths[:SHOWN]:
-            print_path(f"{what}:", path)
+            print_path(f"{name}:", path)
         if len(paths) > SHOWN:
             console.print(words(f"  and {len(paths) - SHOWN} more"))
     print_path("truth:", result.folder / "truth.json")
@@ -133,6 +133,6 @@ def _print_scenes(*, as_json: bool) -> None:
         print_document(app.simulate.write_ready_made_json())
         return
     listed = table("scene", "what happens")
-    for one in app.simulate.load_ready_made().values():
-        listed.add_row(words(one.name), words(one.title))
+    for scene in app.simulate.load_ready_made().values():
+        listed.add_row(words(scene.name), words(scene.title))
     print_table(Console(), listed)

@@ -21,8 +21,8 @@ from skyproof.cli.progress import progress
 from skyproof.cli.screen import complain, print_document, print_path, print_table, table
 from skyproof.errors import OutputError, SettingsError
 from skyproof.formats.atomic_write import write_lines
-from skyproof.interruption import interrupted_code
-from skyproof.report.chart import chart_svg
+from skyproof.interruption import get_exit_code
+from skyproof.report.chart import draw_chart_svg
 from skyproof.studies import studies
 from skyproof.studies.base import COLUMNS, Row, Study, StudySettings
 from skyproof.studies.validation import check
@@ -72,7 +72,7 @@ def study(
         write_lines(validation, lines, encoding="utf-8")
         print_path("table:", validation)
         return 0
-    chosen = _chosen(name, found)
+    chosen = _find_study(name, found)
     settings = _on_platform(chosen, settings, platform)
     if out is not None:
         _make(out)
@@ -90,10 +90,10 @@ def study(
         complain(f"{chosen.name} has no chart: its rows are above" + (f", and in {folder}" if out is not None else ""))
     elif plot:
         path = folder / f"{chosen.name}.svg"
-        write_lines(path, str(chart_svg(rows, chosen.charts)).splitlines(), encoding="utf-8")
+        write_lines(path, str(draw_chart_svg(rows, chosen.charts)).splitlines(), encoding="utf-8")
         if not json:
             print_path("chart:", path)
-    return interrupted_code() if interrupted else 0
+    return get_exit_code() if interrupted else 0
 
 
 def _settings(trials: int | None, seed: int, quick: bool) -> StudySettings:
@@ -105,21 +105,23 @@ def _settings(trials: int | None, seed: int, quick: bool) -> StudySettings:
 
 
 def _on_platform(chosen: Study, settings: StudySettings, platform: Path | None) -> StudySettings:
-    """With the arrays and arms of the platform file, if one is given."""
+    """Add the arrays and arms of the platform file, if one is given."""
     if platform is None:
         return settings
     if chosen.platform is None:
         raise SettingsError(f"{chosen.name} takes no --platform; geometry.array and geometry.arm do")
     receivers = read_platform(platform).receivers
-    tables = {one.name or f"receiver {number}": one for number, one in enumerate(receivers, 1)}
-    arrays = build_arrays(tables, {name: len(one.antennas_m or ()) for name, one in tables.items()}, str(platform))
+    tables = {receiver.name or f"receiver {number}": receiver for number, receiver in enumerate(receivers, 1)}
+    arrays = build_arrays(
+        tables, {name: len(receiver.antennas_m or ()) for name, receiver in tables.items()}, str(platform)
+    )
     arms = build_spin_arms(tables)
     if not (arrays if chosen.platform == "antennas_m" else arms):
-        raise SettingsError(f"{platform}: no receiver has {chosen.platform}, of which {chosen.name} is; give it there")
+        raise SettingsError(f"{platform}: no receiver has {chosen.platform}, which {chosen.name} needs; give it there")
     return replace(settings, arrays=arrays, arms=arms)
 
 
-def _chosen(name: str | None, found: Mapping[str, Study]) -> Study:
+def _find_study(name: str | None, found: Mapping[str, Study]) -> Study:
     if name is None:
         raise SettingsError("NAME is missing: give a study that `skyproof study --list` shows")
     if name in found:
@@ -139,7 +141,7 @@ def _make(folder: Path) -> None:
 
 
 def _run(chosen: Study, settings: StudySettings) -> tuple[list[Row], bool]:
-    """The rows, as many as there were when it was interrupted."""
+    """Run the study, and return its rows, and whether it was interrupted."""
     rows: list[Row] = []
     try:
         with progress().stage(f"rows of {chosen.name}", None) as stage:
@@ -153,14 +155,14 @@ def _run(chosen: Study, settings: StudySettings) -> tuple[list[Row], bool]:
 
 
 def _validation(found: Mapping[str, Study], settings: StudySettings) -> str:
-    """The table of all figures; how far it is, in studies."""
-    shown, begun = progress(), list(found)
+    """Make the table of all figures, and report progress in studies."""
+    display, begun = progress(), list(found)
     try:
-        with shown.stage("making the table of all figures", len(found)) as stage:
+        with display.stage("making the table of all figures", len(found)) as stage:
 
             def before(name: str) -> None:
                 stage.advance(begun.index(name))
-                shown.say(name)
+                display.say(name)
 
             return validation_table(found, settings, before=before)
     except KeyboardInterrupt:
@@ -183,29 +185,29 @@ def _document(chosen: Study, settings: StudySettings, rows: Sequence[Row], *, in
         "rows": [{key: _plain(value) for key, value in row.items()} for row in rows],
         "claims": [
             {
-                "what": one.claim.what,
-                "paper": _plain(one.claim.paper),
-                "same": _plain(one.same),
-                "better": _plain(one.better),
-                "protect": _plain(one.protect),
-                "reference": _plain(one.claim.reference),
-                "tolerance": _plain(one.tolerance),
-                "agrees": one.agrees,
+                "what": checked.claim.what,
+                "paper": _plain(checked.claim.paper),
+                "same": _plain(checked.same),
+                "better": _plain(checked.better),
+                "protect": _plain(checked.protect),
+                "reference": _plain(checked.claim.reference),
+                "tolerance": _plain(checked.tolerance),
+                "agrees": checked.agrees,
             }
-            for one in claims
+            for checked in claims
         ],
     }
     return json_text.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _plain(value: Any) -> Any:
-    """NumPy's numbers as Python's; what is not a number as null."""
+    """Convert NumPy's numbers to Python's; what is not a number to null."""
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
+        return [_plain(element) for element in value]
     return value
 
 
@@ -225,8 +227,8 @@ def _print_result(chosen: Study, rows: Sequence[Row], *, whole: bool) -> None:
     claims = check(chosen, rows) if whole else []
     if claims:
         claims_table = table("what", *COLUMNS, "agrees")
-        for one in claims:
-            claims_table.add_row(Text(one.claim.what), *(Text(cell.replace("*", "")) for cell in one.cells()))
+        for checked in claims:
+            claims_table.add_row(Text(checked.claim.what), *(Text(cell.replace("*", "")) for cell in checked.cells()))
         console.print()
         print_table(console, claims_table)
 
@@ -245,13 +247,13 @@ def _print_studies(found: Mapping[str, Study], *, as_json: bool) -> None:
         print_document(json_text.dumps(document, indent=2, ensure_ascii=False) + "\n")
         return
     console, paper = Console(), None
-    papers = dict.fromkeys(one.paper for one in found.values())
+    papers = dict.fromkeys(listed_study.paper for listed_study in found.values())
     for paper in papers:
         console.print(Text(paper, style="bold"), soft_wrap=True)
         listing = table("study", "figure", "what it makes")
         listing.columns[0].no_wrap = True  # it is to be copied
-        for one in found.values():
-            if one.paper == paper:
-                listing.add_row(Text(one.name), Text(one.figure), Text(one.title))
+        for listed_study in found.values():
+            if listed_study.paper == paper:
+                listing.add_row(Text(listed_study.name), Text(listed_study.figure), Text(listed_study.title))
         print_table(console, listing)
         console.print()

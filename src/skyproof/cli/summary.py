@@ -10,8 +10,8 @@ from skyproof.formats.verdict import write_verdict_json
 from skyproof.gnss.time import format_utc
 from skyproof.report.summary import explained
 from skyproof.report.what_now import what_now
-from skyproof.report.words import angle_words, in_minutes, leap_words
-from skyproof.verdict import Verdict, possible_places, word_shown
+from skyproof.report.words import angle_words, leap_words, uses_minutes
+from skyproof.verdict import Verdict, list_possible_places, write_word
 
 if TYPE_CHECKING:
     from skyproof.app.protect import ProtectResult
@@ -33,9 +33,9 @@ def print_result(result: "ProtectResult", *, as_json: bool, incomplete: bool = F
     if result.interrupted:
         complain("interrupted: this is what was decided so far")
     if as_json:
-        for given in result.verdict.inputs:
-            for remark in (*given.cut, *given.left_out):
-                complain(f"{given.path}: {remark}")
+        for input_file in result.verdict.inputs:
+            for remark in (*input_file.cut, *input_file.left_out):
+                complain(f"{input_file.path}: {remark}")
         print_document(write_verdict_json(result.verdict))
     else:
         _print_summary(result.verdict)
@@ -46,15 +46,15 @@ def print_result(result: "ProtectResult", *, as_json: bool, incomplete: bool = F
 
 def _print_summary(verdict: Verdict) -> None:
     console = Console()
-    console.print(words(word_shown(verdict.verdict).upper(), style=STYLES.get(verdict.verdict, "bold")))
+    console.print(words(write_word(verdict.verdict).upper(), style=STYLES.get(verdict.verdict, "bold")))
     for advice, reason in what_now(verdict):
         console.print(words(f"{advice}: {reason}", style="bold"))
     console.print()
     console.print(words(verdict.summary))
     if verdict.since_gpst is not None:
         console.print(words(verdict.onset_words))
-    for heading, said in explained(verdict):
-        console.print(words(f"{heading} {said}"))
+    for heading, text in explained(verdict):
+        console.print(words(f"{heading} {text}"))
     starts = [receiver.start_gpst for receiver in verdict.receivers if receiver.start_gpst is not None]
     if starts:
         console.print(words(f"Clock times in sentences are GPS time: {leap_words(starts[0])}", style="dim"))
@@ -70,7 +70,7 @@ def _print_summary(verdict: Verdict) -> None:
 
 
 def _positions(verdict: Verdict) -> Table:
-    unit = "" if in_minutes(verdict) else " °"
+    unit = "" if uses_minutes(verdict) else " °"
     rows = table(
         "receiver",
         "position",
@@ -88,34 +88,34 @@ def _positions(verdict: Verdict) -> Table:
             rows.add_row(
                 words(receiver.name),
                 words(kind, style=STYLES.get(kind, "")),
-                *_angles(verdict, fix.lat_deg, fix.lon_deg),
+                *_write_angles(verdict, fix.lat_deg, fix.lon_deg),
                 f"{fix.height_m:.1f}",
                 f"{fix.sigma_east_m:.1f}/{fix.sigma_north_m:.1f}/{fix.sigma_up_m:.1f}",
                 "" if fix.hidden_m is None else f"{fix.hidden_m:.0f}",
-                *_clocks(fix.gpst),
+                *_write_clocks(fix.gpst),
             )
-    for names, source, place in possible_places(verdict):
+    for names, source, place in list_possible_places(verdict):
         rows.add_row(
             words(names),
             words(source.name),
-            *_angles(verdict, place.lat_deg, place.lon_deg),
+            *_write_angles(verdict, place.lat_deg, place.lon_deg),
             f"{place.height_m:.1f}",
             "",
             "",
-            *_clocks(source.shows_gpst),
+            *_write_clocks(source.shows_gpst),
         )
     return rows
 
 
-def _angles(verdict: Verdict, lat_deg: float, lon_deg: float) -> tuple[str, str]:
-    """Latitude and longitude as the run's setting has them."""
-    if in_minutes(verdict):
+def _write_angles(verdict: Verdict, lat_deg: float, lon_deg: float) -> tuple[str, str]:
+    """Write latitude and longitude as the run's setting has them."""
+    if uses_minutes(verdict):
         return angle_words(lat_deg, lon_deg, 7, minutes=True)
     return f"{lat_deg:.7f}", f"{lon_deg:.7f}"
 
 
-def _clocks(gpst: str | None) -> tuple[str, str]:
-    """Hours, minutes and seconds by GPS time and by UTC."""
+def _write_clocks(gpst: str | None) -> tuple[str, str]:
+    """Write hours, minutes and seconds by GPS time and by UTC."""
     return ("", "") if gpst is None else (gpst[11:19], format_utc(gpst)[11:19])
 
 
@@ -123,16 +123,16 @@ def _signals(verdict: Verdict) -> Table:
     rows = table("receiver", "signals", "label", "satellites")
     for receiver in verdict.receivers:
         for label in ("authentic", "spoofed", "multipath", "unknown"):
-            own = {
+            receiver_signals = {
                 (s.sat, s.band, s.code, s.copy)
                 for s in verdict.signals
                 if s.receiver == receiver.name and s.label == label
             }
-            if own:
-                sats = sorted({signal[0] for signal in own})
+            if receiver_signals:
+                sats = sorted({signal[0] for signal in receiver_signals})
                 rows.add_row(
                     words(receiver.name),
-                    str(len(own)),
+                    str(len(receiver_signals)),
                     words(label, style=STYLES.get(label, "")),
                     words(" ".join(sats)),
                 )

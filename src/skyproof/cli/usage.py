@@ -5,13 +5,13 @@ import re
 from cyclopts import CycloptsError, MissingArgumentError, RepeatArgumentError, UnusedCliTokensError
 from cyclopts.exceptions import CoercionError
 
-__all__ = ["usage_words"]
+__all__ = ["describe_usage"]
 
 KINDS = {"float": "a number", "int": "a whole number", "bool": "nothing: it is a switch"}
 
 
-def usage_words(error: CycloptsError) -> str:
-    """One line, with the command that gives help."""
+def describe_usage(error: CycloptsError) -> str:
+    """Describe a usage error on one line, with the command that gives help."""
     command = " ".join(("skyproof", *(error.command_chain or ())))
     return f"{_words(error)} For help: {command} --help"
 

@@ -29,8 +29,8 @@ def verify(
     found = app.verify.verify(folder, inputs_in=inputs_in, progress=progress())
     console = Console()
     rows = table("file", "of the run", "bytes")
-    for one in found.files:
-        rows.add_row(words(one.name), one.kind, words(one.state, style="" if one.state == "same" else "bold"))
+    for file in found.files:
+        rows.add_row(words(file.name), file.kind, words(file.state, style="" if file.state == "same" else "bold"))
     print_table(console, rows)
     console.print()
     if not found.unchanged or found.verdict is None:

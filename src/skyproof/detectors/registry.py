@@ -11,7 +11,7 @@ from typing import Any, Final, get_args
 from skyproof.detectors.adapter import finding_from_evidence, get_signals, restore
 from skyproof.detectors.base import Detector, NotTested, Reporter, signals_of
 from skyproof.detectors.entries import OURS, list_registered, package_of
-from skyproof.errors import SettingsError, readable, shortened
+from skyproof.errors import SettingsError, make_readable, shorten
 from skyproof.records import AnyFinding, Cause, Evidence, Finding, Hypothesis, Need, Records, Says, SignalRef
 
 __all__ = ["examine_window", "find_result_fault", "instantiate", "is_ours", "load_detectors", "review_evidence"]
@@ -88,7 +88,7 @@ def _find_declaration_fault(made: Any, name: str) -> str | None:
     if made.name != name:
         return f"its name is {made.name!r}, expected the registered name {name!r}"
     if not isinstance(made.needs, tuple) or not all(isinstance(need, Need) for need in made.needs):
-        return f"its needs are {shortened(str(made.needs))}, expected a tuple of members of skyproof.records.Need"
+        return f"its needs are {shorten(str(made.needs))}, expected a tuple of members of skyproof.records.Need"
     settings = made.settings
     if not is_dataclass(settings) or "false_alarm_probability" not in {f.name for f in fields(settings)}:
         return "its settings are no dataclass with a field false_alarm_probability"
@@ -101,7 +101,7 @@ def find_result_fault(detector: Detector, records: Records, result: object) -> s
     An alarm whose p-value is above the rate that it states is a fault too.
     """
     if not isinstance(result, tuple) or len(result) != 2 or not isinstance(result[0], list):
-        return f"examine gave {shortened(repr(type(result)))}, expected a list of Evidence and the state"
+        return f"examine gave {shorten(repr(type(result)))}, expected a list of Evidence and the state"
     kinds = (records.observations, records.taps, records.vector_taps, records.ccaf, records.array_phases)
     signals = {SignalRef(item.receiver, signal) for kind in kinds for item in kind for signal in item.signals}
     return next((fault for item in result[0] if (fault := _find_evidence_fault(detector, item, signals))), None)
@@ -220,7 +220,7 @@ def _find_review_fault(detector: Detector, evidence: Sequence[AnyFinding], after
 
 def _describe_error(error: Exception) -> str:
     """Name an error and its place in one line."""
-    text = shortened(readable(" ".join(str(error).split())), _LONGEST)
+    text = shorten(make_readable(" ".join(str(error).split())), _LONGEST)
     if isinstance(error, _Faulty):
         return text
     frames = traceback.extract_tb(error.__traceback__)

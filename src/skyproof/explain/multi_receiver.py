@@ -124,7 +124,7 @@ def _describe(finding: Finding, code: str) -> str:
 
 
 def _prescribe(finding: Finding, code: str) -> str | None:
-    """Describe what would decide: a statement that may be wrong, checked, first."""
+    """Name what would decide, first the check of a statement that may be wrong."""
     template, causes = _REMEDIES.get(code), finding.wrong_statements
     remedy = None if template is None else template.format_map(_collect_more(finding))
     checked = [f"{causes[0].about} checked"] if causes else []
@@ -170,8 +170,8 @@ def _name_signals(fields: Mapping[str, Any]) -> str:
 
 def _name_distances(fields: Mapping[str, Any]) -> str:
     """State how far from the first one signals put the other antennas."""
-    first, *others = fields["receivers"]
-    apart = zip(others, fields["apart_m"], fields["apart_sigma_m"], strict=False)
+    first, *other_receivers = fields["receivers"]
+    apart = zip(other_receivers, fields["apart_m"], fields["apart_sigma_m"], strict=False)
     places = [f"the antenna of {name} {d:.1f} ± {s:.1f} m from that of {first}" for name, d, s in apart]
     return f": they put {', '.join(places)}" if places else ""
 

@@ -13,10 +13,10 @@ def _say(why: str) -> Callable[[Finding], str]:
     """Return a function that says how far off a place is, and why that may be."""
 
     def words(finding: Finding) -> str:
-        there = "was surveyed" if finding.data["surveyed"] else "stood at first, although it is stated not to move"
+        place = "was surveyed" if finding.data["surveyed"] else "stood at first, although it is stated not to move"
         receiver, off_m = finding.signals[0].receiver, finding.data["statistic"]
         slip = finding.wrong_statements[0].sentence if finding.wrong_statements else ""
-        return f"the signals put {receiver} {off_m:.1f} m from where it {there}{why.format(slip=slip)}"
+        return f"the signals put {receiver} {off_m:.1f} m from where it {place}{why.format(slip=slip)}"
 
     return words
 

@@ -48,7 +48,7 @@ _COMMON: Final[Mapping[str, Entry]] = {
 
 
 def explain(finding: Finding | Evidence, *, strict: bool = False) -> Wording:
-    """Put a finding in words: what was found or why nothing was tested, the remedy, and what is assumed.
+    """Describe a finding in words: the result or why nothing was tested, the remedy, the assumptions.
 
     Raises
     ------

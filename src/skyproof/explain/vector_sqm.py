@@ -30,8 +30,8 @@ def _name_suspects(data: Mapping[str, Any]) -> str:
     named = [" and ".join(names[k : k + size]) for k in range(0, len(names), size)]
     if number == 1:
         return f"{named[0]} alone would explain it"
-    others = " or others" if number > len(named) else ""
-    return f"any of {number} would explain it alone: {', '.join(named)}{others}"
+    more = " or others" if number > len(named) else ""
+    return f"any of {number} would explain it alone: {', '.join(named)}{more}"
 
 
 ENTRIES: Final[Mapping[str, Entry]] = {

@@ -125,7 +125,7 @@ def limit_remarks(remarks: Iterable[str], others: str) -> tuple[str, ...]:
     for of_kind in by_kind.values():
         kept += of_kind[:REMARKS]
         if len(of_kind) > REMARKS:
-            kept.append(Remark.reworded(of_kind[REMARKS], f"{len(of_kind) - REMARKS} {others}"))
+            kept.append(Remark.reword(of_kind[REMARKS], f"{len(of_kind) - REMARKS} {others}"))
     return tuple(kept)
 
 

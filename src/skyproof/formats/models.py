@@ -21,7 +21,7 @@ from pydantic import (
 )
 from pydantic_core import ErrorDetails
 
-from skyproof.errors import fault_words, shortened, shown
+from skyproof.errors import describe_fault, shorten, write_value
 from skyproof.formats.bounds import describe_first
 from skyproof.gnss.time import format_iso, parse_iso
 
@@ -39,7 +39,7 @@ def _parse_instant(value: Any) -> np.datetime64:
         instant: np.datetime64 = value.astype("datetime64[ns]")
         return instant
     if not isinstance(value, str):
-        raise ValueError(f"is {shown(value)}, expected GPS time as 2022-01-01T21:45:58, without a zone")
+        raise ValueError(f"is {write_value(value)}, expected GPS time as 2022-01-01T21:45:58, without a zone")
     return parse_iso(value)
 
 
@@ -114,15 +114,15 @@ def _describe_fault(fault: ErrorDetails, root: type[BaseModel]) -> str:
                 break
         else:
             known = known if kind == "extra_forbidden" else None
-    path = shortened("".join(parts).lstrip("."))
+    path = shorten("".join(parts).lstrip("."))
     if kind == "extra_forbidden":
         names = [name for model in _iterate_models(known) for name in model.model_fields]
         near = get_close_matches(str(loc[-1])[:60], names, 1, cutoff=0.5)
         hint = f", did you mean {near[0]}?" if near else ""
         return f"{path}: unknown key{hint}; known here: {', '.join(names)}"
     if fault.get("ctx", {}).get("pattern") == NAME:
-        return f"{path} = {shown(fault['input'])}, expected a name of letters, digits, '.', '_' and '-'"
-    return fault_words(path, fault)
+        return f"{path} = {write_value(fault['input'])}, expected a name of letters, digits, '.', '_' and '-'"
+    return describe_fault(path, fault)
 
 
 def _iterate_models(annotation: Any) -> Iterator[type[BaseModel]]:

@@ -24,7 +24,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.lib import format as npy_format
 
-from skyproof.errors import InputError, readable
+from skyproof.errors import InputError, make_readable
 from skyproof.formats.byte_io import FileBytes, measure_size
 from skyproof.formats.layout import FITTING_BITS, Chunk, Encoding, Kind, PackedSamples
 from skyproof.formats.levels import drop_dead, open_channels
@@ -104,7 +104,9 @@ def _read_header(path: Path, size: int) -> _Stored:
         read = npy_format.read_array_header_1_0 if version == (1, 0) else npy_format.read_array_header_2_0
         shape, fortran, dtype = read(head)
     except ValueError as error:
-        raise InputError(f"{readable(str(path))}: not a NumPy file ({readable(str(error))}); save it again") from None
+        raise InputError(
+            f"{make_readable(str(path))}: not a NumPy file ({make_readable(str(error))}); save it again"
+        ) from None
     if (
         dtype.kind not in _STORED
         or _layout_from_type(dtype)["bits"] not in FITTING_BITS[_layout_from_type(dtype)["encoding"]]

@@ -25,7 +25,7 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, model_validator
 
-from skyproof.errors import InputError, readable, shortened, shown
+from skyproof.errors import InputError, make_readable, shorten, write_value
 from skyproof.formats.bounds import describe_first
 from skyproof.formats.byte_io import FileBytes, compute_sha256, measure_size
 from skyproof.formats.documents import read_toml
@@ -177,7 +177,7 @@ def _describe_fault(fault: Any) -> str:
     if fault["type"] == "value_error" and len(fault["loc"]) < 2:
         return str(fault["ctx"]["error"])
     key = str(fault["loc"][-1])
-    path = shortened(".".join(map(str, fault["loc"])))
+    path = shorten(".".join(map(str, fault["loc"])))
     known = SampleLayout.model_fields if len(fault["loc"]) > 1 else _Sidecar.model_fields
     if fault["type"] == "extra_forbidden":
         if known is _Sidecar.model_fields and key in SampleLayout.model_fields:
@@ -188,7 +188,7 @@ def _describe_fault(fault: Any) -> str:
     expected = known[key].description
     if fault["type"] == "missing":
         return f"{path} is missing; expected {expected}" + ("" if key != "samples" else f", such as {_EXAMPLE}")
-    return f"{path} = {shown(fault['input'])}, expected {expected}"
+    return f"{path} = {write_value(fault['input'])}, expected {expected}"
 
 
 # --- the samples
@@ -275,7 +275,7 @@ def samples_from_layout(
 ) -> Samples:
     """Describe one channel of a file as a recording, by a sidecar."""
     return Samples(
-        name=readable(path.stem),
+        name=make_readable(path.stem),
         rate_hz=layout.rate_hz,
         n_samples=n_samples,
         read=packed.read,
@@ -283,7 +283,7 @@ def samples_from_layout(
         if_hz=math.remainder(layout.if_hz, layout.rate_hz),  # sampling folds it so
         start_gpst=layout.start_gpst,
         antenna=layout.antenna,
-        path=readable(str(path)),
+        path=make_readable(str(path)),
         format=format,
         remarks=remarks,
         file=stored,

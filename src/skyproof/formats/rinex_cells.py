@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Integers, Reals
-from skyproof.errors import shortened
+from skyproof.errors import shorten
 from skyproof.formats.bounds import Remarks
 from skyproof.gnss.time import require_year
 from skyproof.remarks import Remark, RemarkKind
@@ -171,7 +171,7 @@ class _Walk:
         layout, remarks = self.restate(texts, self.layouts[-1])
         self.layouts.append(layout)
         line = self.lines.first_number + _find_labelled[0]
-        self.remarks += [Remark.reworded(remark, f"line {line}: {remark}") for remark in remarks]
+        self.remarks += [Remark.reword(remark, f"line {line}: {remark}") for remark in remarks]
         return True
 
     def begin(self, instant_ns: int, flag: int) -> None:
@@ -268,7 +268,7 @@ def read_layout_change(lines: Sequence[str], layout: Layout) -> tuple[Layout, li
             found = found[:wanted]
         if wanted != len(found):
             of = f" of {name}" if name else ""
-            wrong = f"the header states {shortened(count.strip(), 10) or 'no number of'} observation types{of}"
+            wrong = f"the header states {shorten(count.strip(), 10) or 'no number of'} observation types{of}"
             remarks.append(Remark(f"{wrong} and names {len(found)}; those that it names are taken", RemarkKind.BEARS))
         changed[name] = tuple(found)
     return changed, remarks

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.errors import InputError, readable
+from skyproof.errors import InputError, make_readable
 from skyproof.formats.bounds import CHARACTERS_OF_LINE, Remarks
 from skyproof.formats.rinex_cells import Layout, read_layout_change
 from skyproof.gnss.time import require_year
@@ -120,7 +120,7 @@ class Header:
         if not all(names):
             names = (of.marker, self.marker)
         if all(names) and names[0] != names[1]:
-            faults.append(f"of another receiver ({readable(names[0])}, before {readable(names[1])})")
+            faults.append(f"of another receiver ({make_readable(names[0])}, before {make_readable(names[1])})")
         return faults
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from skyproof.errors import readable
+from skyproof.errors import make_readable
 from skyproof.formats.bounds import list_names
 from skyproof.formats.rinex_cells import Layout
 from skyproof.gnss.signals import rinex_signal
@@ -72,7 +72,7 @@ def report_names(layouts: Iterable[Layout], version: float) -> list[str]:
                 if whole:
                     read.append(f"{system} {name} as {whole}".strip())
                 elif name[:1] not in _NO_SIGNALS:
-                    unknown.append(f"{system} {readable(name[:12])}".strip())
+                    unknown.append(f"{system} {make_readable(name[:12])}".strip())
     open_ = list_names([*dict.fromkeys(unknown)])
     has_not = f"observation types that RINEX {version:g} does not have"
     return [

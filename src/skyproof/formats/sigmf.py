@@ -38,7 +38,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from skyproof.errors import InputError, readable
+from skyproof.errors import InputError, make_readable
 from skyproof.formats.bounds import METADATA_BYTES
 from skyproof.formats.byte_io import FileBytes, compute_digest, measure_size, read_content, report_reading, require_size
 from skyproof.formats.layout import FITTING_BITS, Chunk, Encoding, PackedSamples, Packing
@@ -403,7 +403,7 @@ def _open_recordings(source: _Source) -> list[Samples]:
         chunks = _join_chunks([segment.chunk for segment in tuned[tuning]], packing)
         packed = [PackedSamples(octets, packing_here, chunks, channel) for channel in range(packing.n_channels)]
         recording = Samples(
-            name=readable(name),
+            name=make_readable(name),
             rate_hz=rate_hz,
             n_samples=sum(s.chunk.n_samples for s in tuned[tuning]),
             read=packed[0].read,
@@ -411,7 +411,7 @@ def _open_recordings(source: _Source) -> list[Samples]:
             if_hz=tuning.if_hz,
             start_gpst=start_gpst,
             antenna=meta.general.antenna,
-            path=readable(str(source.data)),
+            path=make_readable(str(source.data)),
             format="SigMF",
             remarks=tuple(tuning_remarks),
             gaps=gaps,

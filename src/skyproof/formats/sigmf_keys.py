@@ -12,7 +12,7 @@ from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from skyproof.errors import InputError, shortened
+from skyproof.errors import InputError, shorten
 from skyproof.formats.bounds import CAPTURES, describe_first
 from skyproof.formats.documents import parse_json
 from skyproof.formats.layout import BitOrder, Encoding
@@ -224,10 +224,10 @@ def check_keys(meta: Meta, where: str) -> tuple[str, ...]:
 def _describe_unknown(key: tuple[str, str, _Part]) -> str:
     place, name, part = key
     known = [str(field.alias) for field in type(part).model_fields.values()]
-    return f"{place}.{shortened(name)} is not a known key{_suggest_near(name, known)}"
+    return f"{place}.{shorten(name)} is not a known key{_suggest_near(name, known)}"
 
 
 def join_some(texts: Iterable[str], between: str) -> list[str]:
     """Join a few of the texts to one; an empty list if there are none."""
     all_of_them = list(texts)
-    return [between.join(describe_first(all_of_them, shortened))] if all_of_them else []
+    return [between.join(describe_first(all_of_them, shorten))] if all_of_them else []

@@ -19,7 +19,7 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
 from skyproof.arrays import Integers, Reals
-from skyproof.errors import InputError, shortened
+from skyproof.errors import InputError, shorten
 from skyproof.formats.bounds import SECONDS, SERIES_BYTES, SERIES_ROWS
 from skyproof.formats.byte_io import read_content, read_text
 from skyproof.formats.documents import read_rows
@@ -87,7 +87,7 @@ def _find_time_column(names: Sequence[str], columns: Sequence[str], where: str) 
     lacking = ([" or ".join(TIMES)] if time is None else []) + [name for name in columns if name not in names]
     if time is None or lacking:
         raise InputError(
-            f"{where}: the columns are {shortened(', '.join(names), 200) or 'none'}, expected {', '.join(lacking)} as "
+            f"{where}: the columns are {shorten(', '.join(names), 200) or 'none'}, expected {', '.join(lacking)} as "
             "well; name the columns so, in these units"
         )
     for name in (time, *columns):
@@ -202,7 +202,7 @@ def _parse_number(text: str, column: str, where: str) -> float:
         return float(text) if text else np.nan
     except ValueError:
         raise InputError(
-            f'{where}, {column}: "{shortened(text)}" is not a number; fix it, or leave the field empty'
+            f'{where}, {column}: "{shorten(text)}" is not a number; fix it, or leave the field empty'
         ) from None
 
 
@@ -217,7 +217,7 @@ def _read_parquet(content: bytes, columns: Sequence[str], source: str) -> _Read:
         _require_rows(file.metadata.num_rows, source)
         table = file.read(columns=[time, *columns])
     except (pa.ArrowException, OSError) as error:
-        words = shortened(str(error).splitlines()[0] if str(error) else type(error).__name__, 120)
+        words = shorten(str(error).splitlines()[0] if str(error) else type(error).__name__, 120)
         raise InputError(f"{source}: not a readable Parquet file ({words}); write it again") from error
 
     def where(row: int) -> str:

@@ -22,7 +22,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.errors import InputError, shortened
+from skyproof.errors import InputError, shorten
 from skyproof.formats.bounds import CHARACTERS_OF_LINE, SECONDS, TRACK_BYTES, XML_TAGS
 from skyproof.formats.byte_io import read_text
 from skyproof.formats.documents import read_rows
@@ -169,7 +169,7 @@ def _parse_number(text: str, column: str, where: str) -> float:
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise InputError(f'{where}, {column}: "{shortened(text)}" is not a number; fix it or leave the line out')
+        raise InputError(f'{where}, {column}: "{shorten(text)}" is not a number; fix it or leave the line out')
     return value
 
 
@@ -421,7 +421,7 @@ def _parse_when_ns(text: str, where: str) -> int:
         require_year(utc.year)
     except (ValueError, OverflowError) as error:
         raise InputError(
-            f'{where}: "{shortened(text)}" is not a time, expected one as 2022-01-01T21:45:40.5Z; fix it'
+            f'{where}: "{shorten(text)}" is not a time, expected one as 2022-01-01T21:45:40.5Z; fix it'
         ) from error
     return int(gpst_from_utc(np.datetime64(utc, "ns")).astype(np.int64))
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from skyproof.errors import InputError, fault_words
+from skyproof.errors import InputError, describe_fault
 from skyproof.formats.atomic_write import write_whole
 from skyproof.formats.bounds import METADATA_BYTES, describe_first
 from skyproof.formats.byte_io import read_text
@@ -50,7 +50,7 @@ def read_verdict(path: str | os.PathLike[str]) -> Verdict:
     try:
         return Verdict.model_validate_json(text, strict=True)
     except ValidationError as error:
-        faults = describe_first(error.errors(include_url=False), lambda fault: fault_words(_place(fault["loc"]), fault))
+        faults = describe_first(error.errors(include_url=False), lambda fault: describe_fault(_place(fault["loc"]), fault))
         raise InputError(
             f"{name} is not a {VERDICT_FORMAT} document: {'; '.join(faults)}. "
             "Let skyproof write it again, or compare it with the published schema, verdict.schema.json"

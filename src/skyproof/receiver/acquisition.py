@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from skyproof.arrays import Booleans, ComplexFloats, Floats, Integers, Reals
-from skyproof.compiled import compiled, threads
+from skyproof.compiled import compiled, count_threads
 from skyproof.gnss.signals import GPS_SATS, SignalPlan, prn_of
 from skyproof.receiver.calibration import fit_tail, list_unused_codes, white_tail
 from skyproof.receiver.cancellation import KnownSignal, Measured, measure, measure_noise, remove, separation_chips
@@ -136,7 +136,7 @@ class Searcher:
         self._codes: dict[str, Floats] = {}
         self._unused_codes = list_unused_codes(8)
         self._unused = [self._code_spectrum(code) for code in self._unused_codes]
-        self._threads = ThreadPoolExecutor(threads())
+        self._threads = ThreadPoolExecutor(count_threads())
         self._glance: Searcher | None = None
 
     @property
@@ -300,7 +300,7 @@ class Searcher:
         if row.size * spectra.shape[1] < _WORTH_THREADS:
             work((0, row.size))
         else:
-            edges = np.linspace(0, row.size, 4 * threads() + 1).astype(int).tolist()
+            edges = np.linspace(0, row.size, 4 * count_threads() + 1).astype(int).tolist()
             list(self._threads.map(work, pairwise(edges)))
         return power, highest
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Complexes, ComplexFloats, Floats, Reals
-from skyproof.compiled import threads
+from skyproof.compiled import count_threads
 from skyproof.gnss.signals import prn_of
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
@@ -81,7 +81,7 @@ class Receiver:
         self._reach_chips = max(REACH_CHIPS, float(np.max(np.abs(self.taps_chips))) + 1.0)
         self._pad = table_pad(self.signal.chip_rate_hz / rate_hz, self._reach_chips)
         self._max_periods = int(self.settings.frame_s / self.signal.period_s) + 4
-        self._n_threads = threads()
+        self._n_threads = count_threads()
         self._threads = ThreadPoolExecutor(self._n_threads)
         self.grids: GridCorrelator | None = None
         if self.settings.grids is not None:

@@ -30,7 +30,7 @@ class TimeSliced(Protocol[T_co]):
     def receiver(self) -> str: ...
 
     def select_between(self, begin_s: float, end_s: float, /) -> T_co:
-        """What has begin <= `elapsed_s` < end, as one record."""
+        """Select what has begin <= `elapsed_s` < end, as one record."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -78,7 +78,7 @@ class Direction(ShortRepr):
 
     @property
     def sigma_rad(self) -> float:
-        """One sigma of each of the two angles, root mean square."""
+        """Return one sigma of each of the two angles, root mean square."""
         return float(np.sqrt(0.5 * np.trace(self.covariance_rad2)))
 
 
@@ -100,7 +100,7 @@ class Baseline(ShortRepr):
 
     @property
     def distances_m(self) -> tuple[tuple[float, float], ...]:
-        """Distance of each receiver's antenna from the first one, and its sigma, metres."""
+        """Return each receiver's distance of its antenna from the first one, and its sigma, metres."""
         away = [float(np.linalg.norm(enu_m)) for enu_m in self.enu_m]
         blocks = [self.covariance_m2[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] for k in range(len(self.enu_m))]
         units = self.enu_m / np.maximum(away, 1e-9)[:, None]
@@ -113,7 +113,7 @@ class OverlappingSkies(ShortRepr):
 
     sets : what each shows; their `signals` are the channels that it was found in. doubt : bound of the probability that
     these are not the skies, under the model of the signals. reflected : of each set, bound of the probability that its
-    signals or the others' are as they are, if one sky made all by reflections and this set is taken for the true one.
+    signals or the others' are so, if one sky made all by reflections and this set is taken for the true one.
     """
 
     sets: tuple[ConsistentSet, ...]

@@ -50,7 +50,7 @@ class Hypothesis(StrEnum):
     """The null hypothesis that a test holds measurements against."""
 
     CONTINUOUS = "continuous"
-    """Position, velocity, clock and carriers go on as a platform and an oscillator can."""
+    """Position, velocity, clock and carriers are continuous, within what a platform and an oscillator can do."""
     ONE_OF_SKIES = "one_of_skies"
     """One of several skies is where it is expected."""
     PREDICTED = "predicted"
@@ -130,7 +130,7 @@ Null = Literal["sky", "one antenna"]
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False, slots=True)
 class StatementTest(ShortRepr):
-    """What signals say of a statement of the user: key, of which receivers, and whether they agree with it.
+    """What signals say of a statement of the user: key, its receivers, and whether they agree with it.
 
     one_place : carriers put the receivers' antennas into one place, to millimetres and not by chance. shown : what the
         signals show instead, over the window. p_value : of the statement, where the signals do not decide.
@@ -157,7 +157,7 @@ class WrongStatement:
 
     @property
     def sentence(self) -> str:
-        """Say what may be wrong, and what would be right."""
+        """State what may be wrong, and what would be right."""
         fits = f"; {self.value} would fit" if self.value else ""
         return f"{self.about} may be wrong ({self.words}{fits})"
 
@@ -220,7 +220,7 @@ class Evidence(ShortRepr):
 
     @property
     def failed(self) -> bool:
-        """Whether a test rejected that the signals are the sky's, and it is open why."""
+        """Test whether a test rejected that the signals are the sky's, and the cause is open."""
         asked = self.false_alarm_probability
         rejected = self.p_value is not None and asked is not None and self.p_value < asked
         return rejected and self.says == "undecided" and self.null == "sky"
@@ -241,7 +241,7 @@ class Finding(ShortRepr):
         likeliest cause first; of a test for authenticity, under a false sky. Exact or conservative. A cause that may
         have spoilt everything that was tested has 1. Empty where nothing could be tested.
     alpha : the test's share of the false-alarm probability.
-    singled_out : each of `signals` is rejected by itself; else some of them are, and it is open which.
+    singled_out : each of `signals` is rejected alone; else some of them are, and it is open which.
     estimates : what was measured, by name: see the properties.
     code : short name of what was found, or of why nothing could be tested; `skyproof.explain` puts it in words.
     data : numbers and names for those words, and "statistic", "threshold" and "log_likelihood_ratio" of the test.

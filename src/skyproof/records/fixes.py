@@ -21,7 +21,7 @@ __all__ = [
 
 
 class FixStatus(IntEnum):
-    """Why an epoch of a `Fix` is as it is. Only `OK` has numbers; the others NaN."""
+    """The status of an epoch of a `Fix`. Only `OK` has numbers; the others NaN."""
 
     OK = 0
     TOO_FEW = 1
@@ -117,8 +117,8 @@ class ConsistentSet(ShortRepr):
     """Signals of one receiver, at most one per transmission, that together fit one position in one window, and a clock
     for each kind of signal (`SignalId.kind`).
 
-    The set says nothing of authenticity: a meaconed sky is as consistent as the true one.
-    clock_bias_s : by the kind that most of those on a first band are of; offsets_s : kind to its clock bias minus that
+    The set proves no authenticity: a meaconed sky is as consistent as the true one.
+    clock_bias_s : by the kind of most of those on a first band; offsets_s : kind to its clock bias minus that
         one, so what time scales and the ways through the receiver differ by. Empty where one kind is all.
     statistic : the sum of squared normalised residuals, chi-square with `dof` degrees if the set is consistent.
     """
@@ -138,7 +138,7 @@ class ConsistentSet(ShortRepr):
         freeze(self, {"position_ecef_m": ("3",), "covariance_m2": ("4", "4")})
 
     def clock_of_s(self, kind: tuple[str, str, str]) -> float:
-        """The clock bias by one kind of signal; NaN where the set has none of it."""
+        """Return the clock bias by one kind of signal; NaN where the set has none of it."""
         if any(signal.kind == kind for signal in self.signals):
             return self.clock_bias_s + self.offsets_s.get(kind, 0.0)
         return float("nan")

@@ -26,7 +26,7 @@ __all__ = [
 
 
 class CellStatus(IntEnum):
-    """Why a cell of `Observations` is as it is. `OK` and `SLIP` have numbers; `NO_RANGE` and `IMPOSSIBLE` all but the
+    """The status of a cell of `Observations`. `OK` and `SLIP` have numbers; `NO_RANGE` and `IMPOSSIBLE` all but the
     range, where they have any; the others NaN."""
 
     OK = 0
@@ -134,26 +134,26 @@ class Observations(ShortRepr, Selectable):
 
     @cached_property
     def column_of(self) -> Mapping[SignalId, int]:
-        """The column of each signal."""
+        """Return the column of each signal."""
         return {signal: column for column, signal in enumerate(self.signals)}
 
     @property
     def measured(self) -> Booleans:
-        """(n_epochs, n_channels) where there is a pseudorange, or a signal whose range cannot be known."""
+        """Return where there is a pseudorange or an unknowable range, (n_epochs, n_channels)."""
         return np.asarray(np.isfinite(self.pseudorange_m) | (self.status == CellStatus.NO_RANGE))
 
     @property
     def slipped(self) -> Booleans:
-        """(n_epochs, n_channels) where the carrier is not that of the epoch before."""
+        """Return where the carrier is not that of the epoch before, (n_epochs, n_channels)."""
         return np.asarray(self.status == CellStatus.SLIP)
 
     def series(self, name: str, channel: int, first: int = 0, stop: int | None = None) -> Reals:
-        """One observable (a field's name) of one channel, of the epochs from `first` to before `stop`."""
+        """Return one observable (a field's name) of one channel, epochs from `first` to before `stop`."""
         values: Reals = getattr(self, name)[first:stop, channel]
         return values
 
     def read(self, first: int, stop: int) -> "Observations":
-        """The epochs from `first` to before `stop`, as views."""
+        """Return the epochs from `first` to before `stop`, as views."""
         return self.select(slice(first, stop))
 
     def select_channels(self, columns: Indices) -> "Observations":
@@ -164,7 +164,9 @@ class Observations(ShortRepr, Selectable):
 
     @staticmethod
     def join(pieces: Sequence["Observations"]) -> "Observations":
-        """One receiver's pieces, at least one, in order of time, as one with the signals of all.
+        """Join one receiver's pieces, in order of time, into one with the signals of all.
+
+        At least one piece.
 
         What holds for a channel (`found_elapsed_s` and the like) is that of the piece that found its signal first.
         """
@@ -195,7 +197,7 @@ class Observations(ShortRepr, Selectable):
 class ObservationLog(Protocol):
     """One receiver's measurements over a whole run, read in stretches: `Observations`, or pieces of them on a disk.
 
-    What every epoch has is at hand: times, (n_epochs,), and where there are measurements, (n_epochs, n_channels).
+    What every epoch has is in memory: times, (n_epochs,), and where there are measurements, (n_epochs, n_channels).
     """
 
     @property
@@ -218,10 +220,10 @@ class ObservationLog(Protocol):
     def slipped(self) -> Booleans: ...
 
     def series(self, name: str, channel: int, first: int = 0, stop: int | None = None) -> Reals:
-        """One observable (a field of `Observations`) of one channel, of the epochs from `first` to before `stop`."""
+        """Return one observable (a field's name) of one channel, epochs from `first` to before `stop`."""
 
     def read(self, first: int, stop: int) -> Observations:
-        """The epochs from `first` to before `stop`, of all channels."""
+        """Read the epochs from `first` to before `stop`, of all channels."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -255,7 +257,7 @@ class ArrayPhases(ShortRepr, Selectable):
     elements_m : (n_antennas, 3) phase centres in the body frame (forward, right, down).
     phase_cyc : (n_epochs, n_channels, n_antennas) grows where an antenna is nearer to the source, by the projection of
         its position in wavelengths; what antennas share and whole cycles are arbitrary. NaN where there is nothing.
-    sigma_cyc : likewise, thermal noise, one sigma.
+    sigma_cyc : the same, thermal noise, one sigma.
     calibrated : constant delays of antenna lines are known, and taken off.
     elements_sigma_m : of each phase centre along each axis; None if not known.
     lasting_sigma_cyc : of each signal's phase on each antenna, what epochs share and their mean keeps.

@@ -75,11 +75,11 @@ class InertialReadings(Protocol):
 
     @property
     def gpst(self) -> Instants:
-        """(n,) ends of the intervals, rising."""
+        """Return the ends of the intervals (n,), rising."""
 
     @property
     def interval_s(self) -> float:
-        """Length of each interval."""
+        """Return the length of each interval."""
 
     def select(self, rows: slice, /) -> ImuSeries:
         """Return those of a slice without a step."""

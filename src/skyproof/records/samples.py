@@ -31,13 +31,16 @@ class OpenFile(Protocol):
     """A file that is read and stays open, so that what is said of it holds for the bytes that were read."""
 
     def sum_as_read(self) -> None:
-        """Sum bytes as they are read from now on."""
+        """Sum bytes at each read from now on."""
 
     def sha256(self, progress: Callable[[int, int], None] | None = None) -> str | None:
-        """Of the whole file, hexadecimal; None where the bytes as they were read are not known any more."""
+        """Return the hash of the whole file, hexadecimal.
+
+        None where the bytes that were read are not known any more.
+        """
 
     def changes(self) -> tuple[str, ...]:
-        """Say what became of it since it was opened; a file that ends otherwise, or was written to, is `CUT`."""
+        """Report what became of the file since it was opened; one that ends otherwise is `CUT`."""
 
 
 class MeasurementSource(Protocol):
@@ -100,7 +103,7 @@ class Samples(ShortRepr):
         return self.n_samples / self.rate_hz
 
     def read_all(self, start: int, count: int) -> Floats:
-        """Every antenna's samples, (n_antennas, 2, count)."""
+        """Read every antenna's samples, (n_antennas, 2, count)."""
         if not self.others:
             return self.read(start, count)[None]
-        return np.stack([one.read(start, count) for one in (self, *self.others)])
+        return np.stack([antenna.read(start, count) for antenna in (self, *self.others)])

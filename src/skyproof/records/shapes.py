@@ -15,7 +15,7 @@ __all__ = [
 
 
 class Selectable:
-    """A dataclass of which rows can be selected: epochs, mostly, along axis 0 of its arrays.
+    """A dataclass whose rows can be selected: epochs, mostly, along axis 0 of its arrays.
 
     BY_ROW : the fields that have these rows, each an array, a mapping to arrays, or None; all fields if it is empty.
     TIME : the one of them by which `select_between` selects.
@@ -27,7 +27,7 @@ class Selectable:
 
     def select(self, rows: slice | Booleans | Indices) -> Self:
         """Select rows: as views by a slice, as copies by a mask (n,) or by numbers."""
-        names = self.BY_ROW or [one.name for one in fields(self)]  # type: ignore[arg-type]
+        names = self.BY_ROW or [field.name for field in fields(self)]  # type: ignore[arg-type]
         chosen: dict[str, Any] = {name: _rows_of(getattr(self, name), rows) for name in names}
         return replace(self, **chosen)  # type: ignore[type-var]
 

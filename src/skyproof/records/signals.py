@@ -33,17 +33,17 @@ class SignalId:
 
     @property
     def transmission(self) -> Transmission:
-        """What a satellite sends once and a receiver may receive several times: satellite, band, code."""
+        """Return satellite, band and code: sent once, and possibly received several times."""
         return self.sat, self.band, self.code
 
     @property
     def kind(self) -> Kind:
-        """What takes one way through a receiver: time scale, band, code. All signals of a kind share its delay."""
+        """Return time scale, band and code. All signals of a kind share one path through a receiver, and its delay."""
         return time_scale_of(self.sat), self.band, self.code
 
     @property
     def plan(self) -> SignalPlan:
-        """What the signal is: carrier, chips, message. Raises ValueError for a band that no system has."""
+        """Return the signal's carrier, chips and message. Raises ValueError for a band that no system has."""
         return plan_of(self.sat[0], self.band, self.code)
 
     def __str__(self) -> str:

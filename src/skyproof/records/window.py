@@ -20,12 +20,12 @@ __all__ = ["Holding", "Records"]
 
 
 class Holding:
-    """What says which needs it meets: fields are named as they are."""
+    """An object whose fields meet needs of the same names."""
 
     observations: tuple[Any, ...]
 
     def has(self, need: Need) -> bool:
-        """Whether what a detector needs is there."""
+        """Test whether it has what a detector needs."""
         if need is Need.TWO_RECEIVERS:
             return len({o.receiver for o in self.observations}) >= 2
         value = getattr(self, need)

@@ -17,7 +17,7 @@ from markupsafe import Markup
 from skyproof.arrays import Reals
 from skyproof.report import drawing as draw
 
-__all__ = ["Axes", "Curve", "chart_svg", "curves_of", "words_of"]
+__all__ = ["Axes", "Curve", "draw_chart_svg", "group_curves", "write_value"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,8 +106,8 @@ _UNITS = {
 _NAMES = {"cn0": "C/N0", "prn": "PRN", "k": "K"}
 
 
-def words_of(column: str, value: Any) -> str:
-    """A value as a legend says it: words as they are, numbers with the column's name and unit."""
+def write_value(column: str, value: Any) -> str:
+    """Write a value for a legend: words unchanged, numbers with the column's name and unit."""
     if isinstance(value, str):
         return value
     match = re.fullmatch(r"(.+?)_(m_s|[a-z]+)", column)
@@ -121,8 +121,8 @@ def words_of(column: str, value: Any) -> str:
     return f"{name} {written}{'' if unit in ('', '°') else ' '}{unit}"
 
 
-def curves_of(rows: Iterable[Mapping[str, Any]], axes: Axes) -> tuple[list[Curve], list[str]]:
-    """The lines that the rows hold, and the names on the x axis if its column holds words (x then counts them).
+def group_curves(rows: Iterable[Mapping[str, Any]], axes: Axes) -> tuple[list[Curve], list[str]]:
+    """Group the rows into lines, and list the names on the x axis if its column holds words.
 
     A row without one of the columns, or with None there, is left out; what has no logarithm breaks a line.
     """
@@ -136,16 +136,16 @@ def curves_of(rows: Iterable[Mapping[str, Any]], axes: Axes) -> tuple[list[Curve
     for key, members in groups.items():
         x = np.array([names.index(str(row[axes.x])) if names else float(row[axes.x]) for row in members], np.float64)
         y = np.array([float(row[axes.y]) for row in members], np.float64)
-        name = ", ".join(words_of(column, value) for column, value in zip(axes.by, key, strict=True))
+        name = ", ".join(write_value(column, value) for column, value in zip(axes.by, key, strict=True))
         curves.append(Curve(name, _log(x) if axes.x_log and not names else x, _log(y) if axes.y_log else y))
     return curves, names
 
 
-def chart_svg(rows: Sequence[Mapping[str, Any]], charts: Sequence[Axes]) -> Markup:
-    """All charts of the same rows, one below the other, as a file of its own; empty if there is nothing to draw."""
+def draw_chart_svg(rows: Sequence[Mapping[str, Any]], charts: Sequence[Axes]) -> Markup:
+    """Draw all charts of the same rows, one below the other, as a file; empty if there is nothing to draw."""
     pieces, height = [], 0.0
     for axes in charts:
-        body, tall = _chart(rows, axes)
+        body, tall = _draw_chart(rows, axes)
         if body:
             pieces.append(Markup('<g transform="translate(0 {:.0f})">\n{}\n</g>').format(height, body))
             height += tall
@@ -158,27 +158,29 @@ def chart_svg(rows: Sequence[Mapping[str, Any]], charts: Sequence[Axes]) -> Mark
     ).format(draw.WIDTH, height, 2.0 * draw.WIDTH, title, _STYLE, Markup("\n").join(pieces))
 
 
-def _chart(rows: Sequence[Mapping[str, Any]], axes: Axes) -> tuple[Markup, float]:
-    curves, names = curves_of(rows, axes)
-    there = [np.isfinite(curve.x) & np.isfinite(curve.y) for curve in curves]
-    if not any(mask.any() for mask in there):
+def _draw_chart(rows: Sequence[Mapping[str, Any]], axes: Axes) -> tuple[Markup, float]:
+    curves, names = group_curves(rows, axes)
+    finite = [np.isfinite(curve.x) & np.isfinite(curve.y) for curve in curves]
+    if not any(mask.any() for mask in finite):
         return Markup(""), 0.0
-    x = np.concatenate([curve.x[mask] for curve, mask in zip(curves, there, strict=True)])
-    y = np.concatenate([curve.y[mask] for curve, mask in zip(curves, there, strict=True)])
+    x = np.concatenate([curve.x[mask] for curve, mask in zip(curves, finite, strict=True)])
+    y = np.concatenate([curve.y[mask] for curve, mask in zip(curves, finite, strict=True)])
     x_log = axes.x_log and not names
     seen = np.concatenate((y, x)) if axes.diagonal else y
-    up = draw.Scale(*_bounds(seen, axes.y_log, 0.5), _BOTTOM, _TOP)
-    up_ticks = _ticks(up, axes.y_log)
-    left = max(_LEFT, _AXIS_NAME + _LETTER * max((len(written) for _, written in up_ticks), default=0))
-    across = draw.Scale(*((-0.5, len(names) - 0.5) if names else _bounds(x, x_log, 0.2)), left, _RIGHT)
+    up = draw.Scale(*_bound_axis(seen, axes.y_log, 0.5), _BOTTOM, _TOP)
+    up_ticks = _place_ticks(up, axes.y_log)
+    left_x = max(_LEFT, _AXIS_NAME + _LETTER * max((len(written) for _, written in up_ticks), default=0))
+    across = draw.Scale(*((-0.5, len(names) - 0.5) if names else _bound_axis(x, x_log, 0.2)), left_x, _RIGHT)
     across_ticks = [(float(index), name) for index, name in enumerate(names)]
-    parts = _grid(across, up, axes, across_ticks or _ticks_at(x, across, x_log) or _ticks(across, x_log), up_ticks)
+    parts = _draw_grid(
+        across, up, axes, across_ticks or _ticks_at_values(x, across, x_log) or _place_ticks(across, x_log), up_ticks
+    )
     if axes.diagonal:
         ends = max(across.low, up.low), min(across.high, up.high)
         parts += [draw.line(across(ends[0]), up(ends[0]), across(ends[1]), up(ends[1]), "frame")] * (ends[0] < ends[1])
     for index, curve in enumerate(curves):
-        parts += _drawn(across.pixels(curve.x), up.pixels(curve.y), index, scattered=axes.scattered)
-    legend, lines = _legend([curve.name for curve in curves], scattered=axes.scattered)
+        parts += _draw_curve(across.pixels(curve.x), up.pixels(curve.y), index, scattered=axes.scattered)
+    legend, lines = _draw_legend([curve.name for curve in curves], scattered=axes.scattered)
     title = textwrap.wrap(axes.title, _TITLE_LETTERS)
     lower = _TITLE_STEP * (len(title) - 1)
     body = Markup("\n").join([*parts, *legend])
@@ -188,7 +190,7 @@ def _chart(rows: Sequence[Mapping[str, Any]], axes: Axes) -> tuple[Markup, float
     return Markup("\n").join([*written, body]), lower + _BOTTOM + _LEGEND_FROM + _LEGEND_STEP * lines
 
 
-def _drawn(x: Reals, y: Reals, index: int, *, scattered: bool) -> list[Markup]:
+def _draw_curve(x: Reals, y: Reals, index: int, *, scattered: bool) -> list[Markup]:
     colour = f"c{index % _COLOURS}"
     parts = [] if scattered else [draw.path(x, y, f"curve {colour} d{index // _COLOURS % _DASHES}")]
     if scattered or x.size <= _MOST_MARKS:
@@ -198,8 +200,8 @@ def _drawn(x: Reals, y: Reals, index: int, *, scattered: bool) -> list[Markup]:
     return parts
 
 
-def _legend(names: Sequence[str], *, scattered: bool) -> tuple[list[Markup], int]:
-    """Keys and names in as many columns as the longest name leaves room for; nothing for one line without a name."""
+def _draw_legend(names: Sequence[str], *, scattered: bool) -> tuple[list[Markup], int]:
+    """Draw keys and names in as many columns as the longest name leaves room for."""
     if not any(names):
         return [], 0
     width = 38.0 + _LETTER * max(len(name) for name in names)
@@ -209,13 +211,13 @@ def _legend(names: Sequence[str], *, scattered: bool) -> tuple[list[Markup], int
         x, y = 8.0 + index % columns * width, _BOTTOM + _LEGEND_FROM + index // columns * _LEGEND_STEP
         key_x = np.array([x + 11.0] if scattered else [x, x + 22.0])
         parts += [
-            *_drawn(key_x, np.full(key_x.size, y - 3.5), index, scattered=scattered),
+            *_draw_curve(key_x, np.full(key_x.size, y - 3.5), index, scattered=scattered),
             draw.text(x + 28.0, y, name, css="small axis"),
         ]
     return parts, math.ceil(len(names) / columns)
 
 
-def _grid(
+def _draw_grid(
     across: draw.Scale,
     up: draw.Scale,
     axes: Axes,
@@ -223,7 +225,7 @@ def _grid(
     up_ticks: Sequence[tuple[float, str]],
 ) -> list[Markup]:
     parts: list[Markup] = []
-    left = across.start
+    left_x = across.start
     for value, written in across_ticks:
         x = across(value)
         parts += [
@@ -235,34 +237,37 @@ def _grid(
     for value, written in up_ticks:
         y = up(value)
         parts += [
-            draw.line(left, y, _RIGHT, y, "grid"),
-            draw.text(left - 5.0, y + 3.5, written, anchor="end", css="small"),
+            draw.line(left_x, y, _RIGHT, y, "grid"),
+            draw.text(left_x - 5.0, y + 3.5, written, anchor="end", css="small"),
         ]
     parts.append(
         Markup('<rect class="frame" x="{}" y="{}" width="{}" height="{}"/>').format(
-            left, _TOP, _RIGHT - left, _BOTTOM - _TOP
+            left_x, _TOP, _RIGHT - left_x, _BOTTOM - _TOP
         )
     )
     return [
         *parts,
-        draw.text((left + _RIGHT) / 2.0, _BOTTOM + 30.0, axes.x_label, anchor="middle", css="axis"),
+        draw.text((left_x + _RIGHT) / 2.0, _BOTTOM + 30.0, axes.x_label, anchor="middle", css="axis"),
         draw.text(12.0, (_TOP + _BOTTOM) / 2.0, axes.y_label, anchor="middle", css="axis", turn=True),
     ]
 
 
-def _ticks_at(values: Reals, scale: draw.Scale, log: bool) -> list[tuple[float, str]]:
-    """At the values themselves if they are few and far enough apart to be read; else none."""
+def _ticks_at_values(values: Reals, scale: draw.Scale, log: bool) -> list[tuple[float, str]]:
+    """Place ticks at the values themselves if they are few and far enough apart to be read; else none."""
     distinct = np.unique(values)
     if not 2 <= distinct.size <= _TICKS:
         return []
     written = [draw.number(float(f"{10.0**value if log else value:.6g}")) for value in distinct]
-    widths = np.array([_LETTER * len(one) for one in written])
+    widths = np.array([_LETTER * len(label) for label in written])
     apart = np.diff(scale.pixels(distinct)) - 0.5 * (widths[1:] + widths[:-1])
     return list(zip(distinct.tolist(), written, strict=True)) if np.all(apart > 6.0) else []
 
 
-def _ticks(scale: draw.Scale, log: bool) -> list[tuple[float, str]]:
-    """Where a number stands on an axis, and the number. Within two decades 1, 2 and 5 of each, else powers of ten."""
+def _place_ticks(scale: draw.Scale, log: bool) -> list[tuple[float, str]]:
+    """Place ticks and their numbers on an axis.
+
+    Within two decades they stand at 1, 2 and 5 of each, else at powers of ten.
+    """
     if not log:
         return [(tick, draw.number(tick)) for tick in draw.nice_ticks(scale.low, scale.high, _TICKS)]
     span = scale.high - scale.low
@@ -287,8 +292,11 @@ def _power(lead: int, power: int) -> str:
     return raised if lead == 1 else f"{lead}·{raised}"
 
 
-def _bounds(values: Reals, log: bool, near: float) -> tuple[float, float]:
-    """A little more than the values span; a straight axis begins at zero if the lowest is below `near` of the top."""
+def _bound_axis(values: Reals, log: bool, near: float) -> tuple[float, float]:
+    """Bound an axis a little beyond the values.
+
+    A straight axis begins at zero if the lowest is below `near` of the top.
+    """
     low, high = float(values.min()), float(values.max())
     span = high - low
     if span <= 1e-12 * max(abs(low), abs(high), 1e-300):

@@ -56,7 +56,7 @@ class Scale:
         return self.start + (value - self.low) / (self.high - self.low) * (self.end - self.start)
 
     def pixels(self, values: Reals) -> Reals:
-        """The same for an array, any shape."""
+        """Convert an array of values, any shape, to pixels."""
         return self.start + (values - self.low) / (self.high - self.low) * (self.end - self.start)
 
 
@@ -64,7 +64,7 @@ class Scale:
 
 
 def nice_ticks(low: float, high: float, wanted: int = 5) -> list[float]:
-    """About `wanted` multiples of 1, 2 or 5 times a power of ten within [low, high].
+    """Return about `wanted` multiples of 1, 2 or 5 times a power of ten within [low, high].
 
     Raises ValueError if the range is empty or not finite.
     """
@@ -78,7 +78,7 @@ def nice_ticks(low: float, high: float, wanted: int = 5) -> list[float]:
 
 
 def thin(seconds: Reals, values: Reals, limit: int) -> tuple[Reals, Reals]:
-    """At most `limit` points (n,) by means over blocks of equal length; a block with nothing in it stays NaN."""
+    """Thin to at most `limit` points (n,) by means over blocks of equal length; an empty block stays NaN."""
     size = -(-seconds.size // limit)
     if size <= 1:
         return seconds, values
@@ -93,17 +93,17 @@ def thin(seconds: Reals, values: Reals, limit: int) -> tuple[Reals, Reals]:
 
 
 def number(value: float) -> str:
-    """As short as it can be said, with a real minus sign."""
+    """Write a number as short as possible, with a real minus sign."""
     return f"{value:.10g}".replace("-", "\N{MINUS SIGN}") if value else "0"
 
 
 def time_unit(span_s: float) -> tuple[str, float]:
-    """The unit that suits a span, and its seconds."""
+    """Choose the unit that suits a span, and return its seconds."""
     return ("s", 1.0) if span_s <= 600.0 else ("min", 60.0) if span_s <= 36000.0 else ("h", 3600.0)
 
 
 def extent(points: Reals, least_m: float, shape: float) -> tuple[float, float, float, float]:
-    """West, south, east and north bounds around points (n, 2) with equal scales; `shape` is height over width."""
+    """Bound points (n, 2) to west, south, east and north with equal scales; `shape` is height over width."""
     low, high = points.min(axis=0), points.max(axis=0)
     middle, span = (low + high) / 2.0, 1.25 * (high - low)
     width = max(span[0], span[1] / shape, least_m)
@@ -115,7 +115,7 @@ def extent(points: Reals, least_m: float, shape: float) -> tuple[float, float, f
 
 
 def text(x: float, y: float, words: str, *, anchor: str = "start", css: str = "", turn: bool = False) -> Markup:
-    """Words at a place; `turn` writes them upwards."""
+    """Draw words at a place; `turn` writes them upwards."""
     turned = Markup(' transform="rotate(-90 {:.1f} {:.1f})"').format(x, y) if turn else Markup("")
     return Markup('<text class="{}" x="{:.1f}" y="{:.1f}" text-anchor="{}"{}>{}</text>').format(
         css, x, y, anchor, turned, words
@@ -123,27 +123,27 @@ def text(x: float, y: float, words: str, *, anchor: str = "start", css: str = ""
 
 
 def line(x1: float, y1: float, x2: float, y2: float, css: str) -> Markup:
-    """A straight line."""
+    """Draw a straight line."""
     return Markup('<line class="{}" x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}"/>').format(css, x1, y1, x2, y2)
 
 
 def circle(x: float, y: float, radius: float, css: str) -> Markup:
-    """A circle or disc, as its class says."""
+    """Draw a circle or disc, by its class."""
     return Markup('<circle class="{}" cx="{:.1f}" cy="{:.1f}" r="{:.1f}"/>').format(css, x, y, radius)
 
 
 def path(x: Reals, y: Reals, css: str) -> Markup:
-    """A line through the points, broken where one is NaN; a point alone is a dot (round caps)."""
-    there = np.isfinite(x) & np.isfinite(y)
+    """Draw a line through the points, broken where one is NaN; a point alone is a dot (round caps)."""
+    finite = np.isfinite(x) & np.isfinite(y)
     steps: list[str] = []
-    for index in np.flatnonzero(there):
-        begins = index == 0 or not there[index - 1]
+    for index in np.flatnonzero(finite):
+        begins = index == 0 or not finite[index - 1]
         steps.append(f"{'M' if begins else 'L'}{x[index]:.1f} {y[index]:.1f}{'h0' if begins else ''}")
     return Markup('<path class="{}" d="{}"/>').format(css, "".join(steps)) if steps else Markup("")
 
 
 def symbol(x: float, y: float, label: Label, size: float = 5.5) -> Markup:
-    """One shape a label, so that colour is not needed: disc true, diamond false, triangle echo, square unknown."""
+    """Draw one shape per label, so that colour is not needed."""
     if label == "authentic":
         return circle(x, y, size, "symbol authentic")
     shapes = {
@@ -156,14 +156,14 @@ def symbol(x: float, y: float, label: Label, size: float = 5.5) -> Markup:
 
 
 def rect(left: float, top: float, right: float, bottom: float, css: str) -> Markup:
-    """A box."""
+    """Draw a box."""
     return Markup('<rect class="{}" x="{:.1f}" y="{:.1f}" width="{:.1f}" height="{:.1f}"/>').format(
         css, left, top, right - left, bottom - top
     )
 
 
 def scale_bar(across: Scale, y: float) -> tuple[list[Markup], "Box"]:
-    """A bar of a round number of metres at the left end of an axis of metres, and the room that it takes."""
+    """Draw a bar of a round number of metres at the left end of an axis, and return its room."""
     most_m = 0.3 * (across.high - across.low)
     power = 10.0 ** math.floor(math.log10(most_m))
     length_m = max(power * factor for factor in (1.0, 2.0, 5.0) if power * factor <= most_m)
@@ -177,7 +177,7 @@ def scale_bar(across: Scale, y: float) -> tuple[list[Markup], "Box"]:
 
 
 def svg(height: float, title: str, parts: Iterable[Markup]) -> Markup:
-    """The whole picture; `title` is what a screen reader says."""
+    """Draw the whole picture; `title` is what a screen reader says."""
     body = Markup("\n").join(part for part in parts if part)
     return Markup('<svg viewBox="0 0 {:.0f} {:.0f}" role="img" aria-label="{}">\n{}\n</svg>').format(
         WIDTH, height, title, body
@@ -190,11 +190,11 @@ def svg(height: float, title: str, parts: Iterable[Markup]) -> Markup:
 def grid(
     across: Scale, up: Scale, names: tuple[str, str], units: tuple[float, float] = (1.0, 1.0), wanted: int = 5
 ) -> Iterator[Markup]:
-    """Lines and numbers at round values, a frame, and the axes' names with their units.
+    """Draw lines and numbers at round values, a frame, and the axes' names with their units.
 
     across, up : values to pixels, rightwards and upwards. units : what numbers are divided by before they are written.
     """
-    left, right, top, bottom = across.start, across.end, up.end, up.start
+    left_x, right_x, top, bottom = across.start, across.end, up.end, up.start
     for tick in nice_ticks(across.low / units[0], across.high / units[0], wanted):
         x = across(tick * units[0])
         yield line(x, top, x, bottom, "grid")
@@ -202,10 +202,10 @@ def grid(
         yield text(min(x, WIDTH - 1.0 - 3.7 * len(written)), bottom + 15.0, written, anchor="middle")
     for tick in nice_ticks(up.low / units[1], up.high / units[1], wanted):
         y = up(tick * units[1])
-        yield line(left, y, right, y, "grid")
-        yield text(left - 5.0, y + 4.0, number(tick), anchor="end")
-    yield _frame(left, right, top, bottom)
-    yield from _axis_names(left, right, top, bottom, names)
+        yield line(left_x, y, right_x, y, "grid")
+        yield text(left_x - 5.0, y + 4.0, number(tick), anchor="end")
+    yield _frame(left_x, right_x, top, bottom)
+    yield from _axis_names(left_x, right_x, top, bottom, names)
 
 
 def columns(
@@ -230,16 +230,16 @@ def columns(
 
 
 def log_grid(across: Scale, up: Scale, names: tuple[str, str]) -> Iterator[Markup]:
-    """The same for decimal logarithms: lines and numbers at powers of ten."""
-    left, right, top, bottom = across.start, across.end, up.end, up.start
+    """Draw the grid of decimal logarithms: lines and numbers at powers of ten."""
+    left_x, right_x, top, bottom = across.start, across.end, up.end, up.start
     for power in range(math.ceil(across.low), math.floor(across.high) + 1):
         yield line(across(power), top, across(power), bottom, "grid")
         yield text(across(power), bottom + 15.0, _power_of_ten(power), anchor="middle")
     for power in range(math.ceil(up.low), math.floor(up.high) + 1):
-        yield line(left, up(power), right, up(power), "grid")
-        yield text(left - 5.0, up(power) + 4.0, _power_of_ten(power), anchor="end")
-    yield _frame(left, right, top, bottom)
-    yield from _axis_names(left, right, top, bottom, names)
+        yield line(left_x, up(power), right_x, up(power), "grid")
+        yield text(left_x - 5.0, up(power) + 4.0, _power_of_ten(power), anchor="end")
+    yield _frame(left_x, right_x, top, bottom)
+    yield from _axis_names(left_x, right_x, top, bottom, names)
 
 
 def _power_of_ten(power: int) -> str:
@@ -292,17 +292,19 @@ _STEPS = ((0.0, 1.0), (1.0, 0.0), (-1.0, 0.0), (0.0, -1.0), (1.0, 1.0), (-1.0, 1
 
 
 def place_tags(tags: Sequence[Tag], taken: Sequence[Box], bounds: Box) -> list[Markup]:
-    """Every tag beside its mark (below it, if there is room), clear of marks, of `taken` and of the other tags.
+    """Place every tag beside its mark, clear of marks, of `taken` and of the other tags.
 
-    What finds no room near its mark moves away, and a line leads back to it.
+    What finds no room near its mark moves away, with a line back to it.
     """
     boxes = [*taken, *((t.x - t.radius, t.y - t.radius, t.x + t.radius, t.y + t.radius) for t in tags)]
     parts: list[Markup] = []
     for tag in tags:
         width = (_BOLD if "name" in tag.css.split() else _LETTER) * len(tag.words)
         choices = [(away, step) for away in (0.0, 8.0, 16.0, 26.0, 38.0, 52.0, 70.0) for step in _STEPS]
-        candidates = [_box(tag, width, away, step, bounds) for away, step in choices]
-        best = int(np.argmin(_costs(np.array(candidates), np.array(boxes), bounds) + 0.2 * np.arange(len(candidates))))
+        candidates = [_bound_tag(tag, width, away, step, bounds) for away, step in choices]
+        best = int(
+            np.argmin(_weigh_overlap(np.array(candidates), np.array(boxes), bounds) + 0.2 * np.arange(len(candidates)))
+        )
         away, box = choices[best][0], candidates[best]
         boxes.append(box)
         if away > 0.0:
@@ -312,8 +314,8 @@ def place_tags(tags: Sequence[Tag], taken: Sequence[Box], bounds: Box) -> list[M
     return parts
 
 
-def _box(tag: Tag, width: float, away: float, step: tuple[float, float], bounds: Box) -> Box:
-    """Room for the words; above or below their mark they give way to the sides."""
+def _bound_tag(tag: Tag, width: float, away: float, step: tuple[float, float], bounds: Box) -> Box:
+    """Bound the words of a tag; above or below their mark they give way to the sides."""
     out = tag.radius + 1.0 + away
     slant = 0.9 if step[0] and step[1] else 1.0
     x = tag.x + step[0] * (slant * out + width / 2.0)
@@ -323,8 +325,8 @@ def _box(tag: Tag, width: float, away: float, step: tuple[float, float], bounds:
     return x - width / 2.0, y - _HEIGHT / 2.0, x + width / 2.0, y + _HEIGHT / 2.0
 
 
-def _costs(candidates: Reals, taken: Reals, bounds: Box) -> Reals:
-    """Overlap of boxes (n, 4) with what is there (m, 4): worse than any way away; out of bounds is worst."""
+def _weigh_overlap(candidates: Reals, taken: Reals, bounds: Box) -> Reals:
+    """Weigh the overlap of boxes (n, 4) with others (m, 4); out of bounds is worst."""
     low = np.maximum(candidates[:, None, :2], taken[None, :, :2])
     high = np.minimum(candidates[:, None, 2:], taken[None, :, 2:])
     overlap = np.prod(np.maximum(high - low, 0.0), axis=-1).sum(axis=-1)

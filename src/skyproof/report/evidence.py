@@ -9,7 +9,7 @@ from skyproof.report.pictures import MethodWords
 from skyproof.report.words import chance_words, evidence_words, number_words, p_value_words, span_words
 from skyproof.verdict import Method, Verdict
 
-__all__ = ["Tested", "by_chance", "quoted", "ran", "strongest"]
+__all__ = ["Tested", "describe_chance", "describe_methods", "find_strongest", "quote"]
 
 ORDER = ("spoofed", "attack", "failed", "authentic", "multipath", "undecided", "clean")  # of methods, by what they say
 
@@ -26,9 +26,9 @@ class Tested:
     scale: Markup
 
 
-def ran(verdict: Verdict, findings: tuple[MethodWords, ...]) -> list[Tested]:
-    """Methods that ran, those first that say most."""
-    return [_tested(m, findings) for m in sorted((m for m in verdict.methods if m.ran), key=_weight)]
+def describe_methods(verdict: Verdict, findings: tuple[MethodWords, ...]) -> list[Tested]:
+    """Describe the methods that ran, those first that say most."""
+    return [_describe_method(m, findings) for m in sorted((m for m in verdict.methods if m.ran), key=_weight)]
 
 
 def _weight(method: Method) -> tuple[int, str]:
@@ -36,32 +36,32 @@ def _weight(method: Method) -> tuple[int, str]:
     return ORDER.index(says) if says in ORDER else len(ORDER), method.detector
 
 
-def strongest(verdict: Verdict) -> Method | None:
-    """The method with the least p-value for the verdict."""
+def find_strongest(verdict: Verdict) -> Method | None:
+    """Find the method with the least p-value for the verdict."""
     words = {"spoofed": ("spoofed", "attack"), "authentic": ("authentic",), "suspect": ("failed",)}
     saying = words.get(verdict.verdict, ())
     for_it = [m for m in verdict.methods if m.ran and m.decision in saying and m.p_value is not None]
     return min(for_it, key=lambda method: method.p_value if method.p_value is not None else 1.0, default=None)
 
 
-def quoted(detector: str) -> str:
-    """Its heading on this page, or its own name."""
+def quote(detector: str) -> str:
+    """Quote a detector's heading on this page, or its own name."""
     return f"“{methods.title(detector)}”" if methods.about(detector) else detector
 
 
-def by_chance(decision: str | None, p_value: float) -> str:
-    """How often chance gives as much, and of what."""
+def describe_chance(decision: str | None, p_value: float) -> str:
+    """State how often chance gives as much, and of what."""
     otherwise = "if the signals were false" if decision == "authentic" else "under a clean sky"
     often = evidence_words(p_value)
     return f"{otherwise}, chance alone would give a result this strong {often} ({p_value_words(p_value)})."
 
 
-def _tested(method: Method, findings: tuple[MethodWords, ...]) -> Tested:
+def _describe_method(method: Method, findings: tuple[MethodWords, ...]) -> Tested:
     found = next((f.words for f in findings if f.detector == method.detector), "")
     scale = Markup("")
     if method.p_value is not None:
         title = f"{method.detector}: {p_value_words(method.p_value)}"
-        scale = proof.chance_scale(method.p_value, method.false_alarm_probability, title=title)
+        scale = proof.draw_chance_scale(method.p_value, method.false_alarm_probability, title=title)
     return Tested(
         method,
         methods.title(method.detector),
@@ -75,7 +75,7 @@ def _tested(method: Method, findings: tuple[MethodWords, ...]) -> Tested:
 def _words_of_test(method: Method) -> list[str]:
     sentences = []
     if method.p_value is not None:
-        words = by_chance(method.decision, method.p_value)
+        words = describe_chance(method.decision, method.p_value)
         if method.decision == "undecided":  # what was tested, one antenna or a clean sky, the evidence says
             words = f"the test did not decide ({p_value_words(method.p_value)})."
         elif method.decision == "clean":

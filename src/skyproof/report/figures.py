@@ -21,7 +21,7 @@ from skyproof.report.template import Figure
 from skyproof.report.words import chance_words, distance_words, number_words, place_words
 from skyproof.verdict import USABLE, Label, Place, Verdict
 
-__all__ = ["Pictures", "map_figures", "signal_figures"]
+__all__ = ["Pictures", "draw_map_figures", "draw_signal_figures"]
 
 MAX_POINTS = 20_000  # of all time lines together: keeps the page small, whatever the number of receivers
 MOST_CLOSE = 6  # receivers that get a map of their own
@@ -55,22 +55,22 @@ class Pictures:
     findings: tuple[MethodWords, ...] = ()
 
 
-def map_figures(pictures: Pictures, *, minutes: bool = False) -> list[Figure]:
-    """Where it was, what that came from, and which sky is true.
+def draw_map_figures(pictures: Pictures, *, minutes: bool = False) -> list[Figure]:
+    """Draw where it was, what that came from, and which sky is true.
 
     minutes : write places in degrees and decimal minutes.
     """
-    return [*_maps(pictures, minutes), *_origins(pictures), *_compared(pictures)]
+    return [*_draw_maps(pictures, minutes), *_origins(pictures), *_draw_compared(pictures)]
 
 
-def signal_figures(verdict: Verdict, pictures: Pictures) -> list[Figure]:
-    """Which signals there were, and what shows that they are false."""
-    return [*_time_lines(pictures), *_proofs(pictures), *_correlations(pictures), *_skies(verdict, pictures)]
+def draw_signal_figures(verdict: Verdict, pictures: Pictures) -> list[Figure]:
+    """Draw which signals there were, and what shows that they are false."""
+    return [*_time_lines(pictures), *_draw_proofs(pictures), *_draw_correlations(pictures), *_skies(verdict, pictures)]
 
 
-def _maps(pictures: Pictures, minutes: bool) -> list[Figure]:
-    """All fixes, then those of satellites of each receiver close up, where the large map is too coarse for them."""
-    overview = draw.local_map(pictures.tracks, pictures.truth, title="Map of all fixes")
+def _draw_maps(pictures: Pictures, minutes: bool) -> list[Figure]:
+    """Draw all fixes, then each receiver's close up, where the large map is too coarse for them."""
+    overview = draw.draw_local_map(pictures.tracks, pictures.truth, title="Map of all fixes")
     if pictures.origin is None or not overview:
         return []
     kinds = {track.kind for track in pictures.tracks if len(track.points())}
@@ -101,22 +101,24 @@ def _maps(pictures: Pictures, minutes: bool) -> list[Figure]:
             f"Metres east and north of {origin}. "
             + "; ".join([*legend, "lines: tracks"]).capitalize()
             + "."
-            + "".join(_off_truth(track, pictures) for track in pictures.tracks if track not in close),
+            + "".join(_describe_error(track, pictures) for track in pictures.tracks if track not in close),
         )
     ]
     for track in close:
         truth = [place for place in pictures.truth if place.receiver == track.receiver]
         kind = track.kind.capitalize()
-        svg = draw.local_map([track], truth, title=f"{kind} fixes of {track.receiver}", least_m=4.0, names=False)
+        svg = draw.draw_local_map([track], truth, title=f"{kind} fixes of {track.receiver}", least_m=4.0, names=False)
         caption = f"{kind} fixes on the map’s axes, the last one marked, with its 95 % ellipse."
-        figures.append(Figure(f"{track.receiver} close up", svg, caption + _off_truth(track, pictures)))
+        figures.append(Figure(f"{track.receiver} close up", svg, caption + _describe_error(track, pictures)))
     return figures
 
 
-def _off_truth(track: FixTrack, pictures: Pictures) -> str:
-    """How far the last fix of the first kind that may be used lies from the truth; empty where that is not known."""
+def _describe_error(track: FixTrack, pictures: Pictures) -> str:
+    """State how far the last usable fix lies from the truth; empty where that is not known."""
     place = next((place for place in pictures.truth if place.receiver == track.receiver), None)
-    first = next((one for one in pictures.tracks if one.receiver == track.receiver and len(one.points())), None)
+    first = next(
+        (usable for usable in pictures.tracks if usable.receiver == track.receiver and len(usable.points())), None
+    )
     if place is None or track is not first or track.kind not in USABLE:
         return ""
     east_m, north_m = track.points()[-1]
@@ -136,42 +138,54 @@ def _origins(pictures: Pictures) -> list[Figure]:
     zero = format_clock(pictures.zero_gpst)
     return [
         Figure(
-            f"Source of the position of {one.receiver}",
-            takeover.origins_plot(
-                one,
-                title=f"Source of the position of {one.receiver} and error of an ordinary receiver over time",
+            f"Source of the position of {shown_origins.receiver}",
+            takeover.plot_origins(
+                shown_origins,
+                title=f"Source of the position of {shown_origins.receiver} and error of an ordinary receiver over time",
                 zero=zero,
                 onset_s=pictures.onset_s,
                 until_s=pictures.until_s,
             ),
             "Line: distance between the unprotected and the usable position. Bar: source of the usable position "
-            f"({'; '.join(ORIGINS[kind] for kind in ORIGINS if kind in _kinds(one))}); a gap where there is none.",
+            f"({'; '.join(ORIGINS[kind] for kind in ORIGINS if kind in _kinds(shown_origins))}); a gap where there is none.",
         )
-        for one in pictures.origins
+        for shown_origins in pictures.origins
     ]
 
 
 def _kinds(origins: FixOrigins) -> set[str]:
-    return {one.origin for one in origins.usable}
+    return {span.origin for span in origins.usable}
 
 
-def _compared(pictures: Pictures) -> list[Figure]:
-    """Skies beside what was expected: position on a map, time on a line; in words how sure the choice is."""
+def _draw_compared(pictures: Pictures) -> list[Figure]:
+    """Draw skies beside the predicted one: position on a map, time on a line, and the choice in words."""
     figures = []
-    for one in pictures.compared:
-        heading = f"Which sky of {one.receiver} is true"
+    for comparison in pictures.compared:
+        heading = f"Which sky of {comparison.receiver} is true"
         how = (
-            f"At {number_words(one.at_s)} s; expected by {one.by}. "
-            + (f"Disc: chosen; diamond: refused; this is wrong {_wrong_words(one.wrong)}." if one.chosen else "")
-            + (f"None is chosen: the likelier one is wrong {_wrong_words(one.wrong)}." if not one.chosen else "")
+            f"At {number_words(comparison.at_s)} s; expected by {comparison.by}. "
+            + (
+                f"Disc: chosen; diamond: refused; this is wrong {_wrong_words(comparison.wrong)}."
+                if comparison.chosen
+                else ""
+            )
+            + (
+                f"None is chosen: the likelier one is wrong {_wrong_words(comparison.wrong)}."
+                if not comparison.chosen
+                else ""
+            )
         )
-        if one.tracks:
-            svg = takeover.skies_map(one, title=f"Positions by the skies of {one.receiver} and the expected one")
+        if comparison.tracks:
+            svg = takeover.map_skies(
+                comparison, title=f"Positions by the skies of {comparison.receiver} and the expected one"
+            )
             words = "Metres east and north of the expected position (square), with 95 % ellipses."
             figures.append(Figure(f"{heading}: position", svg, f"{how} {words}"))
-        if one.offsets:
-            svg = takeover.clock_plot(one, title=f"Times by the skies of {one.receiver} against the expected one")
-            words = "" if one.tracks else f"{how} "
+        if comparison.offsets:
+            svg = takeover.plot_clocks(
+                comparison, title=f"Times by the skies of {comparison.receiver} against the expected one"
+            )
+            words = "" if comparison.tracks else f"{how} "
             words += "The receiver’s clock by each sky, two sigma to either side."
             figures.append(Figure(f"{heading}: time", svg, words))
     return figures
@@ -198,15 +212,15 @@ def _skies(verdict: Verdict, pictures: Pictures) -> list[Figure]:
     if sources:
         caption += " Cross: a source of false signals."
     figures = []
-    for receivers in _same_sky(pictures.sky):
+    for receivers in _group_by_sky(pictures.sky):
         title = f"Sky over {', '.join(receivers)}"
-        here = [p for p in pictures.sky if p.receiver == receivers[0]]
-        figures.append(Figure(title, draw.sky_plot(here, sources, title=title), caption))
+        positions = [p for p in pictures.sky if p.receiver == receivers[0]]
+        figures.append(Figure(title, draw.plot_sky(positions, sources, title=title), caption))
     return figures
 
 
-def _same_sky(sky: tuple[SkyPosition, ...]) -> list[list[str]]:
-    """Receivers together that have the same labels in the same directions: one drawing shows all."""
+def _group_by_sky(sky: tuple[SkyPosition, ...]) -> list[list[str]]:
+    """Group receivers with the same labels in the same directions, which one drawing shows."""
     groups: dict[frozenset[tuple[str, str, int, int]], list[str]] = {}
     for receiver in _receivers(sky):
         seen = frozenset(
@@ -224,7 +238,7 @@ def _time_lines(pictures: Pictures) -> list[Figure]:
     return [
         Figure(
             f"Signals of {receiver}",
-            draw.time_line(
+            draw.draw_time_line(
                 [series for series in pictures.series if series.receiver == receiver],
                 title=f"Carrier to noise density and label of every signal of {receiver} over time",
                 zero=format_clock(pictures.zero_gpst),
@@ -240,19 +254,24 @@ def _time_lines(pictures: Pictures) -> list[Figure]:
     ]
 
 
-def _proofs(pictures: Pictures) -> list[Figure]:
-    """Correlation of attacked satellites, and range differences of each pair of receivers."""
+def _draw_proofs(pictures: Pictures) -> list[Figure]:
+    """Draw the correlation of attacked satellites, and range differences of each pair of receivers."""
     figures = []
     if pictures.profiles:
-        one = pictures.profiles[0]
+        first = pictures.profiles[0]
         several = any(len(profile.tags) > 1 for profile in pictures.profiles)
-        shown: set[Label] = {tag.label for profile in pictures.profiles for tag in profile.tags}
+        labels: set[Label] = {tag.label for profile in pictures.profiles for tag in profile.tags}
         figures.append(
             Figure(
-                f"Two peaks where there should be one: {one.receiver}" if several else f"Correlation in {one.receiver}",
-                proof.profile_plot(pictures.profiles, title=f"Correlation over delay of satellites in {one.receiver}"),
-                f"Samples of 50 ms at {number_words(one.at_s)} s, compared with each satellite’s code at every delay. "
-                f"Each peak is a signal; delays count from the {'true' if 'authentic' in shown else 'first'} one.",
+                f"Two peaks where there should be one: {first.receiver}"
+                if several
+                else f"Correlation in {first.receiver}",
+                proof.plot_profiles(
+                    pictures.profiles, title=f"Correlation over delay of satellites in {first.receiver}"
+                ),
+                f"Samples of 50 ms at {number_words(first.at_s)} s, compared with each satellite’s code at every "
+                "delay. "
+                f"Each peak is a signal; delays count from the {'true' if 'authentic' in labels else 'first'} one.",
             )
         )
     for pair in sorted({d.receivers for d in pictures.differences}):
@@ -260,7 +279,7 @@ def _proofs(pictures: Pictures) -> list[Figure]:
         figures.append(
             Figure(
                 f"Range difference, {pair[1]} minus {pair[0]}",
-                proof.difference_plot(rows, title=f"Range differences between {pair[0]} and {pair[1]} by satellite"),
+                proof.plot_differences(rows, title=f"Range differences between {pair[0]} and {pair[1]} by satellite"),
                 "Difference of the ranges from a satellite to the two antennas. Signals from the sky have a different "
                 "one for each satellite. Signals of one transmitter share one, and stand in one line.",
             )
@@ -268,16 +287,16 @@ def _proofs(pictures: Pictures) -> list[Figure]:
     return figures
 
 
-def _correlations(pictures: Pictures) -> list[Figure]:
-    """Of satellites with two signals within a chip or so."""
+def _draw_correlations(pictures: Pictures) -> list[Figure]:
+    """Draw the correlations of satellites with two signals within about a chip."""
     if not pictures.correlations:
         return []
-    one = pictures.correlations[0]
+    first = pictures.correlations[0]
     return [
         Figure(
-            f"Two signals in one peak: {one.receiver}",
-            takeover.correlation_plot(pictures.correlations, title=f"Correlation of {one.receiver} taken apart"),
-            f"Correlation at {number_words(one.at_s)} s, 20 ms: height is its magnitude, colour its phase, both from "
+            f"Two signals in one peak: {first.receiver}",
+            takeover.plot_correlations(pictures.correlations, title=f"Correlation of {first.receiver} taken apart"),
+            f"Correlation at {number_words(first.at_s)} s, 20 ms: height is its magnitude, colour its phase, both from "
             "the samples. Lines: the stronger signal (full) and the second one (dashed) as they were taken apart; in "
             "numbers the second’s delay, power and phase against the stronger one. One signal alone has one colour.",
         )

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from typing import Final, Protocol
 from urllib.parse import quote
 
-from skyproof.report.template import environment
-from skyproof.verdict import word_shown
+from skyproof.report.template import load_environment
+from skyproof.verdict import write_word
 
-__all__ = ["FleetLine", "fleet_html"]
+__all__ = ["FleetLine", "write_fleet_html"]
 
 ORDER: Final = ("spoofed", "suspect", "no_attack_seen", "authentic", "failed", "not run")
 """What needs a look first comes first."""
@@ -49,13 +49,13 @@ class FleetLine(Protocol):
     def position_height_m(self) -> float | None: ...
 
 
-def fleet_html(rows: Sequence[FleetLine]) -> str:
-    """The whole page; it knows no clock, so that the same rows give the same bytes."""
+def write_fleet_html(rows: Sequence[FleetLine]) -> str:
+    """Write the whole page without any clock, so that the same rows give the same bytes."""
     counts = Counter(_how(row) for row in rows)
     groups = [(how, [row for row in rows if _how(row) == how]) for how in ORDER if counts[how]]
-    page = environment().get_template("fleet.html.j2")
+    page = load_environment().get_template("fleet.html.j2")
     return page.render(
-        total=len(rows), groups=groups, shown=word_shown, link=lambda name: f"items/{quote(name)}/report.html"
+        total=len(rows), groups=groups, shown=write_word, link=lambda name: f"items/{quote(name)}/report.html"
     )
 
 

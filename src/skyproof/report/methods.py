@@ -59,15 +59,15 @@ _REASONS = {
 
 
 def title(detector: str) -> str:
-    """A heading for a detector; its own name where it is somebody else's."""
+    """Return a detector's heading; its own name where it is not of this package."""
     return _ABOUT[detector][0] if detector in _ABOUT else detector.replace("_", " ")
 
 
 def about(detector: str) -> str:
-    """The question that it asks; empty where that is not known."""
+    """Return the question that a detector asks; empty where that is not known."""
     return _ABOUT[detector][1] if detector in _ABOUT else ""
 
 
 def reason(detector: str, label: str) -> str:
-    """What it means that a detector speaks for the label of one signal."""
+    """Describe what it means that a detector supports the label of a signal."""
     return _REASONS.get((detector, label), f"evidence of {title(detector).lower()}")

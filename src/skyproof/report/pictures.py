@@ -24,14 +24,14 @@ __all__ = [
     "SkyPosition",
     "SkySource",
     "TruePlace",
+    "draw_local_map",
+    "draw_time_line",
     "extent_m",
-    "local_map",
-    "sky_plot",
-    "time_line",
+    "plot_sky",
 ]
 
 Kind = Literal[UsableKind, "false", "unprotected", "possible", "expected", "receiver"]
-"""What a position comes from; possible: from a consistent sky of which it is open whether it is the true one;
+"""What a position comes from; possible: from a consistent sky that may be the true one or not;
 expected: from what was known before; receiver: computed by the receiver itself."""
 
 KINDS: tuple[Kind, ...] = (
@@ -90,7 +90,7 @@ class FixTrack:
             freeze(self, {"covariance_m2": ("2", "2")})
 
     def points(self) -> Reals:
-        """The fixes that there are, shape (n, 2): east and north, metres."""
+        """Return the existing fixes, shape (n, 2): east and north, metres."""
         points = np.column_stack((self.east_m, self.north_m))
         return points[np.isfinite(points).all(axis=1)]
 
@@ -175,8 +175,8 @@ class MethodWords:
 # The map
 
 
-def _ellipse(track: FixTrack) -> Reals:
-    """(n, 2): the 95 % ellipse about the last fix, metres east and north; empty if it is not known."""
+def _draw_ellipse(track: FixTrack) -> Reals:
+    """Return the 95 % ellipse (n, 2) about the last fix, metres east and north; empty if not known."""
     points = track.points()
     if track.covariance_m2 is None or not len(points) or not np.isfinite(track.covariance_m2).all():
         return np.empty((0, 2))
@@ -186,9 +186,11 @@ def _ellipse(track: FixTrack) -> Reals:
     return np.asarray(points[-1] + (np.stack((np.cos(angle), np.sin(angle)), axis=-1) * radii) @ axes.T)
 
 
-def _mark(x: float, y: float, kind: Spot) -> Markup:
-    """One shape a kind, so that colour is not needed: disc, open disc, filled and open square, diamond, triangle, large
-    square, ring, cross."""
+def _draw_mark(x: float, y: float, kind: Spot) -> Markup:
+    """Draw one shape per kind, so that colour is not needed.
+
+    Disc, open disc, filled and open square, diamond, triangle, large square, ring, cross.
+    """
     if kind == "truth":
         return Markup('<path class="true-place" d="M{:.1f} {:.1f}h14m-7 -7v14"/>').format(x - 7.0, y)
     if kind in ("trusted", "consistent"):
@@ -206,7 +208,7 @@ def _mark(x: float, y: float, kind: Spot) -> Markup:
     return draw.circle(x, y, 8.5, "ring unprotected")
 
 
-def local_map(
+def draw_local_map(
     tracks: Sequence[FixTrack],
     truth: Sequence[TruePlace] = (),
     *,
@@ -214,19 +216,20 @@ def local_map(
     least_m: float = 10.0,
     names: bool = True,
 ) -> Markup:
-    """A map in metres east and north with a scale bar: last fix of each track marked, the track behind it, 95 %
-    ellipses, and crosses where the truth is known.
+    """Draw a map in metres east and north with a scale bar.
+
+    Last fix of each track marked, the track behind it, 95 % ellipses, and crosses where the truth is known.
 
     Tracks without any fix are left out; without any track at all the result is empty.
     """
     tracks = [track for track in tracks if len(track.points())]
     if not tracks:
         return Markup("")
-    left, right, top, bottom = 50.0, 350.0, 10.0, 310.0
+    left_x, right_x, top, bottom = 50.0, 350.0, 10.0, 310.0
     crosses = np.array([(place.east_m, place.north_m) for place in truth]).reshape(-1, 2)
-    points = np.concatenate([*(track.points() for track in tracks), *map(_ellipse, tracks), crosses])
-    west_m, south_m, east_m, north_m = draw.extent(points, least_m, (bottom - top) / (right - left))
-    east, north = draw.Scale(west_m, east_m, left, right), draw.Scale(south_m, north_m, bottom, top)
+    points = np.concatenate([*(track.points() for track in tracks), *map(_draw_ellipse, tracks), crosses])
+    west_m, south_m, east_m, north_m = draw.extent(points, least_m, (bottom - top) / (right_x - left_x))
+    east, north = draw.Scale(west_m, east_m, left_x, right_x), draw.Scale(south_m, north_m, bottom, top)
     unit, metres = ("km", 1000.0) if east_m - west_m > 20e3 else ("m", 1.0)
 
     parts = list(draw.grid(east, north, (f"east, {unit}", f"north, {unit}"), (metres, metres)))
@@ -237,17 +240,17 @@ def local_map(
         kept = fixes[np.unique(np.linspace(0, len(fixes) - 1, 150).astype(int))]
         way = np.column_stack((east.pixels(kept[:, 0]), north.pixels(kept[:, 1])))
         parts.append(draw.path(way[:, 0], way[:, 1], f"track {track.kind}"))
-        ring = np.column_stack((east.pixels(_ellipse(track)[:, 0]), north.pixels(_ellipse(track)[:, 1])))
+        ring = np.column_stack((east.pixels(_draw_ellipse(track)[:, 0]), north.pixels(_draw_ellipse(track)[:, 1])))
         parts.append(draw.path(ring[:, 0], ring[:, 1], f"ellipse {track.kind}"))
         lines += [(x - 2.0, y - 2.0, x + 2.0, y + 2.0) for x, y in (*ring, *way)]
         marks.append((east(float(fixes[-1, 0])), north(float(fixes[-1, 1])), track.kind, track.receiver))
     marks += [(east(place.east_m), north(place.north_m), "truth", place.receiver) for place in truth]
-    parts += [_mark(x, y, kind) for x, y, kind, _ in marks]
+    parts += [_draw_mark(x, y, kind) for x, y, kind, _ in marks]
     bar, room = draw.scale_bar(east, bottom - 8.0)
     places = _places(marks)
-    said = [tag for place in places for tag in _said(place, names, brief=len(places) > MOST_PLACES)]
+    tags = [tag for place in places for tag in _label_place(place, names, brief=len(places) > MOST_PLACES)]
     taken = [room, *lines, *((x - 8.0, y - 8.0, x + 8.0, y + 8.0) for x, y, _, _ in marks)]
-    words = draw.place_tags(said, taken, (left + 2.0, top + 2.0, right - 2.0, bottom - 2.0))
+    words = draw.place_tags(tags, taken, (left_x + 2.0, top + 2.0, right_x - 2.0, bottom - 2.0))
     return draw.svg(348.0, title, [*parts, *bar, *words])
 
 
@@ -267,9 +270,10 @@ def _places(marks: Sequence[Mark]) -> list[list[Mark]]:
     return places
 
 
-def _said(place: Sequence[Mark], names: bool, *, brief: bool) -> list[draw.Tag]:
-    """The labels of one place; kinds of the same receivers share one, in the colour of the weightiest. If it is to be
-    brief, that one stands for all: the marks show the others.
+def _label_place(place: Sequence[Mark], names: bool, *, brief: bool) -> list[draw.Tag]:
+    """Label one place; kinds of the same receivers share one label, in the colour of the weightiest.
+
+    If it is to be brief, that one stands for all: the marks show the others.
     """
     receivers: dict[Spot, list[str]] = {}
     for _, _, spot, receiver in place:
@@ -300,7 +304,7 @@ def _row_range(series: Sequence[SignalSeries]) -> tuple[float, float]:
     return low, low + 10.0 * max(math.ceil((values.max() - low) / 10.0), 1)
 
 
-def time_line(
+def draw_time_line(
     series: Sequence[SignalSeries],
     *,
     title: str,
@@ -310,8 +314,9 @@ def time_line(
     until_s: float | None = None,
     points: int = 240,
 ) -> Markup:
-    """C/N0 of every signal over time, a row for each satellite, coloured by label, with onset and end of the attack
-    marked. Below each row a ribbon a signal shows how long it carries its label.
+    """Draw C/N0 of every signal over time, a row per satellite, coloured by label.
+
+    Below each row a ribbon a signal shows how long it carries its label.
 
     zero : what second zero is, in words, for the axis. onset_sigma_s : draws a band of two of it to either side.
     points : the most that are drawn of one signal.
@@ -320,25 +325,25 @@ def time_line(
     if not series:
         return Markup("")
     rows: dict[str, list[SignalSeries]] = {}
-    for one in sorted(series, key=lambda s: s.signal):
-        rows.setdefault(one.signal.split()[0], []).append(one)
+    for signal_series in sorted(series, key=lambda s: s.signal):
+        rows.setdefault(signal_series.signal.split()[0], []).append(signal_series)
     copies = {sat: sorted({s.signal for s in row}) for sat, row in rows.items()}
     slots = min(max(len(names) for names in copies.values()), MOST_RIBBONS)
-    left, right, top, plot = 34.0, 324.0, 24.0, 21.0
+    left_x, right_x, top, plot = 34.0, 324.0, 24.0, 21.0
     height = plot + 3.0 + 4.0 * slots
     bottom = top + height * len(rows)
     start_s, end_s = min(float(s.seconds[0]) for s in series), max(float(s.seconds[-1]) for s in series)
     unit, scale = draw.time_unit(end_s - start_s)
-    time = draw.Scale(start_s, max(end_s, start_s + 1e-3), left, right)
+    time = draw.Scale(start_s, max(end_s, start_s + 1e-3), left_x, right_x)
     low, high = _row_range(series)
 
     parts: list[Markup] = []
     if onset_s is not None and onset_sigma_s is not None and time.low <= onset_s <= time.high:
-        edges = [min(max(time(onset_s + sign * 2.0 * onset_sigma_s), left), right) for sign in (-1.0, 1.0)]
+        edges = [min(max(time(onset_s + sign * 2.0 * onset_sigma_s), left_x), right_x) for sign in (-1.0, 1.0)]
         parts.append(draw.rect(edges[0], top, edges[1], bottom, "onset-band"))
     parts += draw.columns(time, top, bottom, unit=scale, below=15.0)
     parts += [
-        draw.text((left + right) / 2.0, bottom + 32.0, f"time since {zero}, {unit}", anchor="middle", css="axis"),
+        draw.text((left_x + right_x) / 2.0, bottom + 32.0, f"time since {zero}, {unit}", anchor="middle", css="axis"),
         draw.text(
             draw.WIDTH - 3.0,
             (top + bottom) / 2.0,
@@ -353,33 +358,35 @@ def time_line(
         row = draw.Scale(low, high, begin + plot, begin + 2.0)
         middle = (low + high) / 2.0
         parts += [
-            draw.line(left, begin, right, begin, "frame"),
-            draw.line(left, row(middle), right, row(middle), "grid"),
-            draw.text(left - 4.0, begin + height / 2.0 + 4.0, sat, anchor="end"),
-            draw.text(right + 3.0, row(middle) + 3.0, f"{middle:g}", css="small"),
+            draw.line(left_x, begin, right_x, begin, "frame"),
+            draw.line(left_x, row(middle), right_x, row(middle), "grid"),
+            draw.text(left_x - 4.0, begin + height / 2.0 + 4.0, sat, anchor="end"),
+            draw.text(right_x + 3.0, row(middle) + 3.0, f"{middle:g}", css="small"),
         ]
-        for one in signals:
-            seconds, cn0_dbhz = draw.thin(one.seconds, one.cn0_dbhz, points)
-            slot = min(copies[sat].index(one.signal), slots - 1)
+        for signal_series in signals:
+            seconds, cn0_dbhz = draw.thin(signal_series.seconds, signal_series.cn0_dbhz, points)
+            slot = min(copies[sat].index(signal_series.signal), slots - 1)
             parts += [
-                draw.path(time.pixels(seconds), row.pixels(cn0_dbhz), f"series {one.label}"),
-                _ribbon(time, seconds, cn0_dbhz, begin + plot + 3.0 + 4.0 * slot, one.label),
+                draw.path(time.pixels(seconds), row.pixels(cn0_dbhz), f"series {signal_series.label}"),
+                _draw_ribbon(time, seconds, cn0_dbhz, begin + plot + 3.0 + 4.0 * slot, signal_series.label),
             ]
-    parts.append(draw.line(left, bottom, right, bottom, "frame"))
+    parts.append(draw.line(left_x, bottom, right_x, bottom, "frame"))
     for name, at_s in (("onset", onset_s), ("end", until_s)):
         if at_s is not None and time.low <= at_s <= time.high:
             x = time(at_s)
             parts += [
                 draw.line(x, top - 4.0, x, bottom, "onset"),
-                draw.text(min(max(x, left + 20.0), right - 20.0), top - 8.0, name, anchor="middle", css="name false"),
+                draw.text(
+                    min(max(x, left_x + 20.0), right_x - 20.0), top - 8.0, name, anchor="middle", css="name false"
+                ),
             ]
     return draw.svg(bottom + 38.0, title, parts)
 
 
-def _ribbon(time: draw.Scale, seconds: Reals, values: Reals, y: float, label: Label) -> Markup:
-    """A bar while there are values."""
-    there = np.concatenate([[False], np.isfinite(values) & np.isfinite(seconds), [False]])
-    begins, ends = np.flatnonzero(~there[:-1] & there[1:]), np.flatnonzero(there[:-1] & ~there[1:]) - 1
+def _draw_ribbon(time: draw.Scale, seconds: Reals, values: Reals, y: float, label: Label) -> Markup:
+    """Draw a bar while there are values."""
+    finite = np.concatenate([[False], np.isfinite(values) & np.isfinite(seconds), [False]])
+    begins, ends = np.flatnonzero(~finite[:-1] & finite[1:]), np.flatnonzero(finite[:-1] & ~finite[1:]) - 1
     spans = zip(time.pixels(seconds[begins]), time.pixels(seconds[ends]), strict=True)
     steps = "".join(f"M{first:.1f} {y:.1f}H{max(last, first + 1.0):.1f}" for first, last in spans)
     return Markup('<path class="ribbon {}" d="{}"/>').format(label, steps) if steps else Markup("")
@@ -388,10 +395,10 @@ def _ribbon(time: draw.Scale, seconds: Reals, values: Reals, y: float, label: La
 # The sky
 
 
-def sky_plot(
+def plot_sky(
     positions: Sequence[SkyPosition], sources: Sequence[SkySource] = (), axes: Sequence[SkySource] = (), *, title: str
 ) -> Markup:
-    """Satellites by azimuth and elevation, north up, east right, each with the symbols of its signals' labels.
+    """Plot satellites by azimuth and elevation, north up, east right, with their signals' labels.
 
     sources : marked by crosses. axes : of a body, lines from the zenith to where they point, dashed below the horizon.
     """
@@ -453,6 +460,6 @@ def sky_plot(
 
 
 def extent_m(tracks: Sequence[FixTrack]) -> float:
-    """The larger side of the box around all fixes, metres; 0 without fixes."""
+    """Return the larger side of the box around all fixes, metres; 0 without fixes."""
     points: list[Reals] = [track.points() for track in tracks if len(track.points())]
     return float(np.ptp(np.concatenate(points), axis=0).max()) if points else 0.0

@@ -5,11 +5,11 @@ import math
 from skyproof.report.words import offset_m, offset_words
 from skyproof.verdict import Position, ReceiverResult, radius_95_m
 
-__all__ = ["away_m", "away_words", "led_away_m", "within_m"]
+__all__ = ["away_m", "describe_distance", "misled_by_m", "within_m"]
 
 
-def led_away_m(receiver: ReceiverResult) -> float:
-    """How far the unprotected fix lies from the one that may be used, horizontally; 0 where their errors explain it."""
+def misled_by_m(receiver: ReceiverResult) -> float:
+    """Return how far the unprotected fix lies from the usable one, horizontally; 0 within their errors."""
     usable, other = receiver.usable, receiver.unprotected_fix
     if usable is None or other is None:
         return 0.0
@@ -18,7 +18,7 @@ def led_away_m(receiver: ReceiverResult) -> float:
 
 
 def within_m(fix: Position) -> float:
-    """`radius_95_m` of a fix."""
+    """Return `radius_95_m` of a fix."""
     return radius_95_m(fix.sigma_east_m, fix.sigma_north_m)
 
 
@@ -30,8 +30,8 @@ def away_m(receiver: ReceiverResult, fix: Position) -> float:
     return math.hypot(*offset_m((true.lat_deg, true.lon_deg), (fix.lat_deg, fix.lon_deg)))
 
 
-def away_words(receiver: ReceiverResult, fix: Position) -> str:
-    """How far a fix lies from the last one that may be used, and in which direction; empty without one."""
+def describe_distance(receiver: ReceiverResult, fix: Position) -> str:
+    """State how far a fix lies from the last usable one, and in which direction; empty without one."""
     if receiver.usable is None:
         return ""
     true = receiver.usable[1]

@@ -10,8 +10,8 @@ from markupsafe import Markup
 from skyproof.arrays import Reals
 from skyproof.records import LABELS, freeze
 from skyproof.report import drawing as draw
-from skyproof.report.pictures import SignalSeries, SkyPosition, SkySource, sky_plot, time_line
-from skyproof.report.template import Figure, environment
+from skyproof.report.pictures import SignalSeries, SkyPosition, SkySource, draw_time_line, plot_sky
+from skyproof.report.template import Figure, load_environment
 
 __all__ = [
     "Element",
@@ -23,11 +23,11 @@ __all__ = [
     "Setting",
     "SettingGroup",
     "Switching",
-    "array_plot",
-    "line_plot",
-    "scene_html",
-    "scene_map",
-    "switching_plot",
+    "draw_scene_map",
+    "plot_array",
+    "plot_lines",
+    "plot_switching",
+    "write_scene_html",
 ]
 
 Role = Literal["receiver", "shows", "transmits", "receives", "disturbs"]
@@ -62,7 +62,7 @@ class GroundTrack:
 
     @property
     def points(self) -> Reals:
-        """(n, 2): east and north, metres."""
+        """Return east and north, (n, 2), metres."""
         return np.column_stack((self.east_m, self.north_m))
 
 
@@ -166,19 +166,19 @@ class ScenePage:
     made_by: str = ""
 
 
-def scene_html(page: ScenePage) -> str:
-    """The whole page. The same scene gives the same bytes."""
+def write_scene_html(page: ScenePage) -> str:
+    """Write the whole page. The same scene gives the same bytes."""
     present: list[Role] = [role for role in ROLES if any(way.role == role for way in page.ways)]
     return (
-        environment()
+        load_environment()
         .get_template("scene.html.j2")
         .render(
             page=page,
-            places=_maps(page) + _displacements(page) + _arrays(page),
+            places=_draw_maps(page) + _displacements(page) + _arrays(page),
             keys=[(_key(role), ROLES[role]) for role in present],
             labels=[label for label in LABELS if any(s.label == label for s in page.levels)],
             switching=_switching(page),
-            signals=_signals(page),
+            signals=_draw_signals(page),
         )
     )
 
@@ -186,13 +186,13 @@ def scene_html(page: ScenePage) -> str:
 # The map
 
 
-def scene_map(ways: Sequence[GroundTrack], *, title: str, least_m: float = 10.0) -> Markup:
-    """Ways in metres east and north with equal scales: a mark where each ends, in its role's shape, and its name."""
+def draw_scene_map(ways: Sequence[GroundTrack], *, title: str, least_m: float = 10.0) -> Markup:
+    """Draw paths in metres east and north with equal scales, each end marked by its role's shape."""
     if not ways:
         return Markup("")
-    left, right, top, bottom = 60.0, 350.0, 10.0, 300.0
-    bounds_m = draw.extent(np.concatenate([way.points for way in ways]), least_m, (bottom - top) / (right - left))
-    across = draw.Scale(bounds_m[0], bounds_m[2], left, right)
+    left_x, right_x, top, bottom = 60.0, 350.0, 10.0, 300.0
+    bounds_m = draw.extent(np.concatenate([way.points for way in ways]), least_m, (bottom - top) / (right_x - left_x))
+    across = draw.Scale(bounds_m[0], bounds_m[2], left_x, right_x)
     up = draw.Scale(bounds_m[1], bounds_m[3], bottom, top)
     unit, size = ("m", 1.0) if bounds_m[2] - bounds_m[0] < 2e4 else ("km", 1e3)
     parts = list(draw.grid(across, up, (f"east, {unit}", f"north, {unit}"), (size, size)))
@@ -206,18 +206,20 @@ def scene_map(ways: Sequence[GroundTrack], *, title: str, least_m: float = 10.0)
         if np.hypot(x[0] - x[-1], y[0] - y[-1]) > 12.0:
             begins.append((float(x[0]), float(y[0])))
             parts.append(draw.circle(*begins[-1], 3.0, f"start {way.role}"))
-    parts += [_mark(x, y, way.role) for x, y, way in ends]
+    parts += [_draw_mark(x, y, way.role) for x, y, way in ends]
     along = [
         (float(x) - 2.0, float(y) - 2.0, float(x) + 2.0, float(y) + 2.0)
         for way in ordered
         for x, y in zip(across.pixels(way.east_m[::6]), up.pixels(way.north_m[::6]), strict=True)
     ]
-    tags = [draw.Tag(x, y, words, f"name {role}", 8.0) for x, y, role, words in _said(ends)]
-    return draw.svg(338.0, title, [*parts, *draw.place_tags(tags, along, (left + 2, top + 2, right - 2, bottom - 2))])
+    tags = [draw.Tag(x, y, words, f"name {role}", 8.0) for x, y, role, words in _label_ends(ends)]
+    return draw.svg(
+        338.0, title, [*parts, *draw.place_tags(tags, along, (left_x + 2, top + 2, right_x - 2, bottom - 2))]
+    )
 
 
-def _mark(x: float, y: float, role: Role) -> Markup:
-    """One shape a role, so that colour is not needed."""
+def _draw_mark(x: float, y: float, role: Role) -> Markup:
+    """Draw one shape per role, so that colour is not needed."""
     if role == "receiver":
         return draw.circle(x, y, 4.5, "mark receiver")
     shapes: dict[Role, str] = {
@@ -229,8 +231,8 @@ def _mark(x: float, y: float, role: Role) -> Markup:
     return Markup('<path class="mark {}" d="{}"/>').format(role, shapes[role].format(x, y))
 
 
-def _said(ends: Sequence[tuple[float, float, GroundTrack]]) -> list[tuple[float, float, Role, str]]:
-    """One label for the marks of a role that nearly coincide: x, y, role, words."""
+def _label_ends(ends: Sequence[tuple[float, float, GroundTrack]]) -> list[tuple[float, float, Role, str]]:
+    """Label marks of a role that nearly coincide once: x, y, role, words."""
     groups: list[tuple[float, float, Role, list[str]]] = []
     for x, y, way in ends:
         near = next((g for g in groups if g[2] == way.role and np.hypot(g[0] - x, g[1] - y) < 10.0), None)
@@ -238,10 +240,10 @@ def _said(ends: Sequence[tuple[float, float, GroundTrack]]) -> list[tuple[float,
             groups.append((x, y, way.role, [way.name]))
         elif way.name not in near[3]:
             near[3].append(way.name)
-    return [(x, y, role, _called(role, names)) for x, y, role, names in groups]
+    return [(x, y, role, _name_role(role, names)) for x, y, role, names in groups]
 
 
-def _called(role: Role, names: Sequence[str]) -> str:
+def _name_role(role: Role, names: Sequence[str]) -> str:
     who = ", ".join(names)
     if len(who) > 24:
         who = f"{len(names)} {'receivers' if role == 'receiver' else 'transmitters'}"
@@ -251,26 +253,28 @@ def _called(role: Role, names: Sequence[str]) -> str:
 
 
 def _key(role: Role) -> Markup:
-    return Markup('<svg class="mark-key" viewBox="0 0 16 16" aria-hidden="true">{}</svg>').format(_mark(8.0, 8.0, role))
+    return Markup('<svg class="mark-key" viewBox="0 0 16 16" aria-hidden="true">{}</svg>').format(
+        _draw_mark(8.0, 8.0, role)
+    )
 
 
 def _size_m(ways: Sequence[GroundTrack]) -> float:
     return float(np.ptp(np.concatenate([way.points for way in ways]), axis=0).max())
 
 
-def _maps(page: ScenePage) -> list[Figure]:
-    """All of it, then what is too small on that: the receivers and what is near them."""
+def _draw_maps(page: ScenePage) -> list[Figure]:
+    """Draw the whole map, then the receivers and what is near them, where they are too small on it."""
     if not page.ways:
         return []
     caption = f"Metres east and north of {page.origin}. Marks stand where each is at the end, rings where it began."
-    figures = [Figure("Map", scene_map(page.ways, title=f"Map of {page.name}"), caption)]
+    figures = [Figure("Map", draw_scene_map(page.ways, title=f"Map of {page.name}"), caption)]
     receivers = [way for way in page.ways if way.role == "receiver"]
     size_m, all_m = _size_m(receivers), _size_m(page.ways)
     reach_m = max(size_m, 0.02 * all_m, 5.0)
     middle = np.concatenate([way.points for way in receivers]).mean(axis=0)
     near = [way for way in page.ways if way in receivers or np.abs(way.points - middle).max() < 2.0 * reach_m]
     if STANDS_M < _size_m(near) < 0.6 * all_m and size_m < CLOSE * all_m:
-        close = scene_map(near, title=f"The surroundings of the receivers of {page.name}", least_m=4.0)
+        close = draw_scene_map(near, title=f"The surroundings of the receivers of {page.name}", least_m=4.0)
         figures.append(Figure("Close up", close, "The surroundings of the receivers, on the axes of the map."))
     return figures
 
@@ -279,7 +283,7 @@ def _displacements(page: ScenePage) -> list[Figure]:
     return [
         Figure(
             heading,
-            line_plot(
+            plot_lines(
                 lines, title=f"{heading} over time", zero=page.zero, quantity="away from the true place", metres=True
             ),
             "East, north and up, from where the receiver’s first antenna is to the place shown.",
@@ -291,14 +295,14 @@ def _displacements(page: ScenePage) -> list[Figure]:
 # Antennas
 
 
-def array_plot(elements: Sequence[Element], *, title: str) -> Markup:
-    """Antennas in the plane of the body, seen from above: forward up, right to the right, metres, equal scales."""
+def plot_array(elements: Sequence[Element], *, title: str) -> Markup:
+    """Plot antennas in the body's plane from above: forward up, right to the right, metres."""
     if not elements:
         return Markup("")
-    left, right, top, bottom = 56.0, 326.0, 10.0, 280.0
+    left_x, right_x, top, bottom = 56.0, 326.0, 10.0, 280.0
     corners = [(e.right_m + sign * e.radius_m, e.forward_m + sign * e.radius_m) for e in elements for sign in (-1, 1)]
-    bounds_m = draw.extent(np.array([(0.0, 0.0), *corners]), 0.05, (bottom - top) / (right - left))
-    across = draw.Scale(bounds_m[0], bounds_m[2], left, right)
+    bounds_m = draw.extent(np.array([(0.0, 0.0), *corners]), 0.05, (bottom - top) / (right_x - left_x))
+    across = draw.Scale(bounds_m[0], bounds_m[2], left_x, right_x)
     up = draw.Scale(bounds_m[1], bounds_m[3], bottom, top)
     unit, size = ("m", 1.0) if bounds_m[2] - bounds_m[0] > 1.5 else ("cm", 0.01)
     parts = list(draw.grid(across, up, (f"right, {unit}", f"forward, {unit}"), (size, size)))
@@ -317,7 +321,9 @@ def array_plot(elements: Sequence[Element], *, title: str) -> Markup:
         level = f" ({abs(e.down_m) / size:.4g} {unit} {'down' if e.down_m > 0.0 else 'up'})" if e.down_m else ""
         tags.append(draw.Tag(x, y, f"{e.name}{level}", "name receiver"))
     taken = [(x0 - 6.0, y0 - 6.0, x0 + 6.0, y0 + 6.0)]
-    return draw.svg(318.0, title, [*parts, *draw.place_tags(tags, taken, (left + 2, top + 2, right - 2, bottom - 2))])
+    return draw.svg(
+        318.0, title, [*parts, *draw.place_tags(tags, taken, (left_x + 2, top + 2, right_x - 2, bottom - 2))]
+    )
 
 
 def _arrays(page: ScenePage) -> list[Figure]:
@@ -328,7 +334,7 @@ def _arrays(page: ScenePage) -> list[Figure]:
             if e.radius_m:
                 sense = "clockwise" if e.clockwise else "counterclockwise"
                 caption += f" {e.name} circles {sense}; drawn where it begins."
-        picture = array_plot(elements, title=f"Antennas of {receiver}")
+        picture = plot_array(elements, title=f"Antennas of {receiver}")
         figures.append(Figure(f"Antennas of {receiver}", picture, caption))
     return figures
 
@@ -336,55 +342,60 @@ def _arrays(page: ScenePage) -> list[Figure]:
 # Over time
 
 
-def line_plot(lines: Sequence[PlotLine], *, title: str, zero: str, quantity: str, metres: bool = False) -> Markup:
-    """Lines over time, each named at its end. metres : values are metres and may be written as kilometres."""
-    lines = [one for one in lines if np.isfinite(one.values).any()]
+def plot_lines(lines: Sequence[PlotLine], *, title: str, zero: str, quantity: str, metres: bool = False) -> Markup:
+    """Plot lines over time, each named at its end. metres : values are metres and may be written as kilometres."""
+    lines = [plot_line for plot_line in lines if np.isfinite(plot_line.values).any()]
     if not lines:
         return Markup("")
-    left, top, bottom = 64.0, 12.0, 262.0
-    right = min(306.0, draw.WIDTH - 14.0 - 7.0 * max(len(one.name) for one in lines))
-    first_s, last_s = min(float(one.seconds[0]) for one in lines), max(float(one.seconds[-1]) for one in lines)
+    left_x, top, bottom = 64.0, 12.0, 262.0
+    right_x = min(306.0, draw.WIDTH - 14.0 - 7.0 * max(len(plot_line.name) for plot_line in lines))
+    first_s, last_s = (
+        min(float(plot_line.seconds[0]) for plot_line in lines),
+        max(float(plot_line.seconds[-1]) for plot_line in lines),
+    )
     unit, scale = draw.time_unit(last_s - first_s)
-    low, high = _bounds(np.concatenate([one.values for one in lines]))
+    low, high = _bound_axis(np.concatenate([plot_line.values for plot_line in lines]))
     kilo = metres and max(abs(low), abs(high)) >= 2e4
-    across = draw.Scale(first_s, max(last_s, first_s + 1e-3), left, right)
+    across = draw.Scale(first_s, max(last_s, first_s + 1e-3), left_x, right_x)
     up = draw.Scale(low, high, bottom, top)
     written = f"{quantity}, {'km' if kilo else 'm'}" if metres else quantity
     parts = list(draw.grid(across, up, (f"time since {zero}, {unit}", written), (scale, 1e3 if kilo else 1.0)))
     ends, early = [], []
-    for one in lines:
-        parts.append(draw.path(across.pixels(one.seconds), up.pixels(one.values), f"series {one.kind}"))
-        last = int(np.flatnonzero(np.isfinite(one.values))[-1])
-        x, y = across(float(one.seconds[last])), up(float(one.values[last]))
-        if x > right - 20.0:
-            ends.append((x, y, one))
+    for plot_line in lines:
+        parts.append(
+            draw.path(across.pixels(plot_line.seconds), up.pixels(plot_line.values), f"series {plot_line.kind}")
+        )
+        last = int(np.flatnonzero(np.isfinite(plot_line.values))[-1])
+        x, y = across(float(plot_line.seconds[last])), up(float(plot_line.values[last]))
+        if x > right_x - 20.0:
+            ends.append((x, y, plot_line))
         else:
-            early.append(draw.Tag(x, y, one.name, f"small name {one.kind}", 2.0))
-    parts += draw.place_tags(early, (), (left + 2.0, top + 2.0, right - 2.0, bottom - 2.0))
+            early.append(draw.Tag(x, y, plot_line.name, f"small name {plot_line.kind}", 2.0))
+    parts += draw.place_tags(early, (), (left_x + 2.0, top + 2.0, right_x - 2.0, bottom - 2.0))
     heights = draw.spread([y for _, y, _ in ends], 12.0, top + 4.0, max(bottom, top + 12.0 * len(ends)))
-    for (x, y, one), height in zip(ends, heights, strict=True):
+    for (x, y, plot_line), height in zip(ends, heights, strict=True):
         parts += [
-            draw.line(x + 1.0, y, right + 9.0, height, "leader"),
-            draw.text(right + 11.0, height + 4.0, one.name, css=f"small name {one.kind}"),
+            draw.line(x + 1.0, y, right_x + 9.0, height, "leader"),
+            draw.text(right_x + 11.0, height + 4.0, plot_line.name, css=f"small name {plot_line.kind}"),
         ]
     return draw.svg(max(300.0, 12.0 * len(ends) + 24.0), title, parts)
 
 
-def _bounds(values: Reals) -> tuple[float, float]:
-    """A little more than the values need; a constant stands in the middle of one unit."""
+def _bound_axis(values: Reals) -> tuple[float, float]:
+    """Bound an axis a little beyond the values; a constant stands in the middle of one unit."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     room = max(0.06 * (high - low), 0.5 if high - low < 1.0 else 0.0)
     return low - room, high + room
 
 
-def switching_plot(rows: Sequence[Switching], span_s: tuple[float, float], *, title: str, zero: str) -> Markup:
-    """A row for each transmitter: filled while it is on, as high as it is strong, least and most power written out."""
+def plot_switching(rows: Sequence[Switching], span_s: tuple[float, float], *, title: str, zero: str) -> Markup:
+    """Plot a row for each transmitter, filled while it is on, with its least and most power."""
     if not rows:
         return Markup("")
-    left, right, top, height, band = 12.0, 348.0, 4.0, 44.0, 18.0
+    left_x, right_x, top, height, band = 12.0, 348.0, 4.0, 44.0, 18.0
     bottom = top + height * len(rows)
     unit, scale = draw.time_unit(span_s[1] - span_s[0])
-    across = draw.Scale(*span_s, left, right)
+    across = draw.Scale(*span_s, left_x, right_x)
     parts = draw.columns(across, top, bottom, unit=scale, below=15.0)
     for index, row in enumerate(rows):
         base = top + height * (index + 1) - 5.0
@@ -394,15 +405,15 @@ def switching_plot(rows: Sequence[Switching], span_s: tuple[float, float], *, ti
             continue
         low, high = float(power_db.min()), float(power_db.max())
         up = draw.Scale(low, max(high, low + 1e-6), base - (0.3 if high - low > 0.05 else 1.0) * band, base - band)
-        parts.append(_filled(across.pixels(row.seconds), up.pixels(row.power_db), on, base, f"on {row.role}"))
+        parts.append(_fill(across.pixels(row.seconds), up.pixels(row.power_db), on, base, f"on {row.role}"))
         written = f"{_db(low)} dB" if high - low < 0.05 else f"{_db(low)} to {_db(high)} dB"
         parts += [
-            draw.line(left, base, right, base, "frame"),
-            draw.text(left, base - band - 6.0, row.name, css=f"name {row.role}"),
-            draw.text(right, base - band - 6.0, f"{row.what}, {written}", anchor="end", css="small halo"),
+            draw.line(left_x, base, right_x, base, "frame"),
+            draw.text(left_x, base - band - 6.0, row.name, css=f"name {row.role}"),
+            draw.text(right_x, base - band - 6.0, f"{row.what}, {written}", anchor="end", css="small halo"),
         ]
     parts.append(
-        draw.text((left + right) / 2.0, bottom + 32.0, f"time since {zero}, {unit}", anchor="middle", css="axis")
+        draw.text((left_x + right_x) / 2.0, bottom + 32.0, f"time since {zero}, {unit}", anchor="middle", css="axis")
     )
     return draw.svg(bottom + 38.0, title, parts)
 
@@ -412,8 +423,8 @@ def _db(value: float) -> str:
     return f"{rounded:+g}".replace("-", "\N{MINUS SIGN}") if rounded else "0"
 
 
-def _filled(x: Reals, y: Reals, on: "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]", base: float, css: str) -> Markup:
-    """Areas between a line and its base where it is on."""
+def _fill(x: Reals, y: Reals, on: "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]", base: float, css: str) -> Markup:
+    """Fill areas between a line and its base where it is on."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(int)))
     steps = []
     for begin, end in edges.reshape(-1, 2):
@@ -423,7 +434,7 @@ def _filled(x: Reals, y: Reals, on: "np.ndarray[tuple[int, ...], np.dtype[np.boo
 
 
 def _switching(page: ScenePage) -> list[Figure]:
-    picture = switching_plot(
+    picture = plot_switching(
         page.switching, page.span_s, title=f"Attacks and interference of {page.name} over time", zero=page.zero
     )
     if not picture:
@@ -436,8 +447,8 @@ def _switching(page: ScenePage) -> list[Figure]:
     return [Figure("What is on when", picture, caption)]
 
 
-def _signals(page: ScenePage) -> list[Figure]:
-    """Receiver by receiver."""
+def _draw_signals(page: ScenePage) -> list[Figure]:
+    """Draw the figures of the signals, receiver by receiver."""
     names = list(dict.fromkeys(series.receiver for series in page.levels))
     return [figure for name in names for figure in (*_skies(page, name), _level(page, name), *_over_time(page, name))]
 
@@ -446,7 +457,7 @@ def _level(page: ScenePage, name: str) -> Figure:
     points = min(120, max(24, MOST_POINTS // len(page.levels)))
     return Figure(
         f"Signals of {name}",
-        time_line(
+        draw_time_line(
             [s for s in page.levels if s.receiver == name],
             zero=page.zero,
             onset_s=page.onset_s,
@@ -498,9 +509,9 @@ _OVER_TIME: Final = (
 def _over_time(page: ScenePage, name: str) -> Iterator[Figure]:
     for kind in _OVER_TIME:
         every: tuple[tuple[str, tuple[PlotLine, ...]], ...] = getattr(page, kind.lines)
-        for lines in (own for receiver, own in every if receiver == name):
+        for lines in (receiver_lines for receiver, receiver_lines in every if receiver == name):
             title = f"{kind.title} at {name} over time"
-            plot = line_plot(lines, title=title, zero=page.zero, quantity=kind.quantity, metres=kind.metres)
+            plot = plot_lines(lines, title=title, zero=page.zero, quantity=kind.quantity, metres=kind.metres)
             yield Figure(f"{kind.heading} at {name}", plot, kind.caption)
 
 
@@ -517,6 +528,6 @@ def _skies(page: ScenePage, name: str) -> list[Figure]:
             caption += " Cross: direction of a transmitter, on the rim if it stands lower than the horizon."
         if sky.axes:
             caption += " Lines: axes of the receiver’s body, dotted where they point below the horizon."
-        picture = sky_plot(sky.positions, sky.sources, sky.axes, title=f"Sky over {sky.receiver}")
+        picture = plot_sky(sky.positions, sky.sources, sky.axes, title=f"Sky over {sky.receiver}")
         figures.append(Figure(f"Sky over {sky.receiver}", picture, caption))
     return figures

@@ -10,9 +10,9 @@ from markupsafe import Markup
 from skyproof.arrays import Reals
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.report import drawing as draw
-from skyproof.report.chart import Axes, chart_svg
+from skyproof.report.chart import Axes, draw_chart_svg
 
-__all__ = ["Lobe", "Mark", "correlation_svg", "levels_svg", "spectrum_svg"]
+__all__ = ["Lobe", "Mark", "draw_correlation_svg", "draw_levels_svg", "draw_spectrum_svg"]
 
 _STYLE = Markup("""<style>
 svg { background: #ffffff; font-family: system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; }
@@ -55,8 +55,8 @@ class Lobe:
     peaks: int
 
 
-def levels_svg(values: Reals, shares: Reals) -> Markup:
-    """The histogram (n,) of the numbers, as bars."""
+def draw_levels_svg(values: Reals, shares: Reals) -> Markup:
+    """Draw the histogram (n,) of the numbers as bars."""
     gap = float(np.min(np.diff(values))) if values.size > 1 else 1.0
     across = draw.Scale(float(values[0]) - gap, float(values[-1]) + gap, _LEFT, 350.0)
     up = draw.Scale(0.0, 108.0 * float(shares.max()), 250.0, _TOP)
@@ -85,8 +85,8 @@ def _picture(title: str, height: float, parts: Sequence[Markup]) -> Markup:
     )
 
 
-def spectrum_svg(frequency_hz: Reals, density: Reals, floor: Reals, lines: Sequence[Mark]) -> Markup:
-    """Power density (n,) with its floor and the lines found in it, over the floor's highest."""
+def draw_spectrum_svg(frequency_hz: Reals, density: Reals, floor: Reals, lines: Sequence[Mark]) -> Markup:
+    """Draw the power density (n,) with its floor and the lines found, over the floor's highest."""
     reference = floor.max()
     rows: list[dict[str, Any]] = []
     for name, values in (("measured", density), ("without lines", floor)):
@@ -104,7 +104,7 @@ def spectrum_svg(frequency_hz: Reals, density: Reals, floor: Reals, lines: Seque
             if mark.hurts == hurts
         ]
         if (n := sum(row["curve"] == name for row in rows)) and n > 1:
-            rows = _apart(rows, name)
+            rows = _break_curve(rows, name)
     axes = Axes(
         title="Spectrum",
         x="mhz",
@@ -113,11 +113,11 @@ def spectrum_svg(frequency_hz: Reals, density: Reals, floor: Reals, lines: Seque
         y_label="power density, dB",
         by=("curve",),
     )
-    return chart_svg(rows, [axes])
+    return draw_chart_svg(rows, [axes])
 
 
-def _apart(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
-    """Points of a curve with breaks between them, so that no stroke joins them."""
+def _break_curve(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
+    """Put breaks between the points of a curve, so that no stroke joins them."""
     parted: list[dict[str, Any]] = []
     for row in rows:
         parted.append(row)
@@ -126,8 +126,8 @@ def _apart(rows: list[dict[str, Any]], name: str) -> list[dict[str, Any]]:
     return parted
 
 
-def correlation_svg(lobes: Sequence[Lobe]) -> Markup:
-    """One row per satellite: amplitude of its correlation over the delay, with the peaks that were found marked."""
+def draw_correlation_svg(lobes: Sequence[Lobe]) -> Markup:
+    """Draw one row per satellite: correlation amplitude over delay, with its peaks marked."""
     if not lobes:
         return Markup("")
     bottom = _TOP + _ROW * len(lobes)
@@ -159,12 +159,12 @@ def _row(lobe: Lobe, across: draw.Scale, bottom: float) -> list[Markup]:
             css="small several" if lobe.peaks > 1 else "small",
         ),
     ]
-    left = amplitude.copy()
+    remaining = amplitude.copy()
     for _ in range(lobe.peaks):
-        top = int(np.argmax(left))
+        top = int(np.argmax(remaining))
         parts.append(draw.circle(across(float(lobe.delay_chips[top])), up(float(amplitude[top])), 2.6, "peak"))
         apart = np.abs((lobe.delay_chips - lobe.delay_chips[top] + 0.5 * length) % length - 0.5 * length)
-        left[apart < 1.5] = 0.0
+        remaining[apart < 1.5] = 0.0
     return parts
 
 

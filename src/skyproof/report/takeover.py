@@ -14,11 +14,11 @@ from skyproof.arrays import Complexes, Integers, Reals
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.records import freeze
 from skyproof.report import drawing as draw
-from skyproof.report.pictures import FixTrack, Kind, local_map
+from skyproof.report.pictures import FixTrack, Kind, draw_local_map
 from skyproof.verdict import UsableKind
 
 __all__ = ["ComparedSkies", "CorrelationParts", "FixOrigins", "OriginSpan", "TimeOffset"]
-__all__ += ["clock_plot", "correlation_plot", "origins_plot", "skies_map"]
+__all__ += ["map_skies", "plot_clocks", "plot_correlations", "plot_origins"]
 
 _PHASES = 12  # colours round the circle
 _COLUMNS = 2
@@ -65,7 +65,7 @@ class ComparedSkies:
     """Skies of one receiver beside what was expected of the true one at `at_s` of the pictures' time.
 
     tracks : one fix each, metres east and north of the expected position, which is one of them; none if it was not
-    known. offsets : likewise of time. by : what the expectation rests on. wrong : probability that the likeliest sky is
+    known. offsets : the same of time. by : what the expectation rests on. wrong : probability that the likeliest sky is
     not the true one. chosen : whether one was.
     """
 
@@ -106,33 +106,33 @@ class FixOrigins:
 # Correlation
 
 
-def correlation_plot(satellites: Sequence[CorrelationParts], *, title: str) -> Markup:
-    """A panel a satellite: height is the magnitude of its correlation, colour its phase; lines are the two signals."""
+def plot_correlations(satellites: Sequence[CorrelationParts], *, title: str) -> Markup:
+    """Plot a panel per satellite: correlation magnitude as height, phase as colour, signals as lines."""
     if not satellites:
         return Markup("")
-    left, gap, top, right = 40.0, 14.0, 8.0, 352.0
+    left_x, gap, top, right_x = 40.0, 14.0, 8.0, 352.0
     columns = min(_COLUMNS, len(satellites))
-    wide = (right - left - gap * (columns - 1)) / columns
+    wide = (right_x - left_x - gap * (columns - 1)) / columns
     rows = math.ceil(len(satellites) / columns)
-    highest = max(float(np.max(np.abs(one.value))) for one in satellites)
+    highest = max(float(np.max(np.abs(satellite.value))) for satellite in satellites)
     parts: list[Markup] = []
-    for index, one in enumerate(satellites):
+    for index, satellite in enumerate(satellites):
         row, column = divmod(index, columns)
-        x0, y0 = left + column * (wide + gap), top + row * _PANEL
-        across = draw.Scale(float(one.delays_chips[0]), float(one.delays_chips[-1]), x0, x0 + wide)
+        x0, y0 = left_x + column * (wide + gap), top + row * _PANEL
+        across = draw.Scale(float(satellite.delays_chips[0]), float(satellite.delays_chips[-1]), x0, x0 + wide)
         up = draw.Scale(0.0, 1.4 * highest, y0 + _PANEL - 24.0, y0)
-        parts += _panel(one, across, up, numbered=column == 0)
+        parts += _panel(satellite, across, up, numbered=column == 0)
     bottom = top + rows * _PANEL
     parts += [
         draw.text(
-            (left + right) / 2.0,
+            (left_x + right_x) / 2.0,
             bottom + 14.0,
             f"delay, chips (1 chip = {GPS_L1_CA.chip_m:.0f} m)",
             anchor="middle",
             css="axis",
         ),
         draw.text(9.0, (top + bottom) / 2.0, "magnitude, noise = 1", anchor="middle", css="small axis", turn=True),
-        *_phase_key(left, right, bottom + 24.0),
+        *_draw_phase_key(left_x, right_x, bottom + 24.0),
     ]
     return draw.svg(bottom + 52.0, title, parts)
 
@@ -148,7 +148,7 @@ def _panel(one: CorrelationParts, across: draw.Scale, up: draw.Scale, *, numbere
         if numbered:
             parts.append(draw.text(across.start - 4.0, up(tick) + 3.5, draw.number(tick), anchor="end", css="small"))
     x, y = across.pixels(one.delays_chips), up.pixels(np.abs(one.value))
-    colour = _colours(one.value)
+    colour = _colour_by_phase(one.value)
     edges = np.concatenate([[0], np.flatnonzero(np.diff(colour)) + 1, [colour.size]])
     for first, stop in pairwise(edges):
         over = slice(first, min(stop + 1, colour.size))
@@ -156,7 +156,7 @@ def _panel(one: CorrelationParts, across: draw.Scale, up: draw.Scale, *, numbere
         shape = f"M{x[over][0]:.1f} {up.start:.1f}L{line}L{x[over][-1]:.1f} {up.start:.1f}z"
         parts.append(Markup('<path class="phase p{}" d="{}"/>').format(int(colour[first]), shape))
     parts += [
-        draw.path(x, up.pixels(own), f"part {name}") for own, name in zip(one.parts, ("first", "second"), strict=True)
+        draw.path(x, up.pixels(part), f"part {name}") for part, name in zip(one.parts, ("first", "second"), strict=True)
     ]
     words = f"{one.second_chips:+.2f} chip, {one.second_db:+.0f} dB, {one.second_deg:+.0f}°"
     return [
@@ -167,13 +167,13 @@ def _panel(one: CorrelationParts, across: draw.Scale, up: draw.Scale, *, numbere
     ]
 
 
-def _colours(value: Complexes) -> Integers:
-    """Which twelfth of the circle each phase is next to."""
+def _colour_by_phase(value: Complexes) -> Integers:
+    """Return which twelfth of the circle each phase is next to."""
     return np.asarray(np.rint(np.angle(value) / (2.0 * np.pi / _PHASES)).astype(np.int64) % _PHASES)
 
 
-def _phase_key(left: float, right: float, y: float) -> list[Markup]:
-    """A bar of all colours from -180 to 180 degrees."""
+def _draw_phase_key(left: float, right: float, y: float) -> list[Markup]:
+    """Draw a bar of all colours from -180 to 180 degrees."""
     across = draw.Scale(-180.0, 180.0, left + 60.0, right - 60.0)
     step = 360.0 / _PHASES
     parts = []
@@ -190,32 +190,34 @@ def _phase_key(left: float, right: float, y: float) -> list[Markup]:
 # Skies
 
 
-def skies_map(compared: ComparedSkies, *, title: str) -> Markup:
-    """Where the skies put the receiver, about where it was expected."""
-    return local_map(compared.tracks, title=title, least_m=4.0)
+def map_skies(compared: ComparedSkies, *, title: str) -> Markup:
+    """Map where the skies put the receiver, about where it was predicted."""
+    return draw_local_map(compared.tracks, title=title, least_m=4.0)
 
 
-def clock_plot(compared: ComparedSkies, *, title: str) -> Markup:
-    """A row a sky: its time against the expected one, two sigma to either side."""
+def plot_clocks(compared: ComparedSkies, *, title: str) -> Markup:
+    """Plot a row per sky: its time against the predicted one, two sigma to either side."""
     if not compared.offsets:
         return Markup("")
-    left, right, top, step = 76.0, 346.0, 6.0, 20.0
+    left_x, right_x, top, step = 76.0, 346.0, 6.0, 20.0
     bottom = top + step * len(compared.offsets)
-    reach = 1.15 * max(*(abs(one.ns) + 2.0 * one.sigma_ns for one in compared.offsets), _LEAST_NS)
-    across = draw.Scale(-reach, reach, left, right)
+    reach = 1.15 * max(*(abs(offset.ns) + 2.0 * offset.sigma_ns for offset in compared.offsets), _LEAST_NS)
+    across = draw.Scale(-reach, reach, left_x, right_x)
     parts = draw.columns(across, top, bottom, zero="limit")
-    for row, one in enumerate(compared.offsets):
+    for row, offset in enumerate(compared.offsets):
         y = top + step * (row + 0.5)
-        ends = np.array([across(one.ns + side * one.sigma_ns) for side in (-2.0, 2.0)])
-        mark = "ring expected" if one.kind == "expected" else f"mark {one.kind}"
+        ends = np.array([across(offset.ns + side * offset.sigma_ns) for side in (-2.0, 2.0)])
+        mark = "ring expected" if offset.kind == "expected" else f"mark {offset.kind}"
         parts += [
-            draw.text(left - 6.0, y + 4.0, one.name, anchor="end", css=f"name {one.kind}"),
-            draw.path(ends, np.array([y, y]), f"range {one.kind}"),
-            draw.circle(across(one.ns), y, 4.5, mark),
+            draw.text(left_x - 6.0, y + 4.0, offset.name, anchor="end", css=f"name {offset.kind}"),
+            draw.path(ends, np.array([y, y]), f"range {offset.kind}"),
+            draw.circle(across(offset.ns), y, 4.5, mark),
         ]
     parts += [
-        draw.rect(left, top, right, bottom, "frame"),
-        draw.text((left + right) / 2.0, bottom + 31.0, "time less the expected one, ns", anchor="middle", css="axis"),
+        draw.rect(left_x, top, right_x, bottom, "frame"),
+        draw.text(
+            (left_x + right_x) / 2.0, bottom + 31.0, "time less the expected one, ns", anchor="middle", css="axis"
+        ),
     ]
     return draw.svg(bottom + 38.0, title, parts)
 
@@ -223,18 +225,18 @@ def clock_plot(compared: ComparedSkies, *, title: str) -> Markup:
 # Where positions come from
 
 
-def origins_plot(
+def plot_origins(
     origins: FixOrigins, *, title: str, zero: str, onset_s: float | None = None, until_s: float | None = None
 ) -> Markup:
-    """How far an ordinary receiver's position was from the one that may be used, and below it what that came from."""
-    spans = [s for one in origins.usable for s in (one.from_s, one.to_s)]
+    """Plot how far an ordinary receiver was from the usable position, and what that came from."""
+    spans = [s for span in origins.usable for s in (span.from_s, span.to_s)]
     start_s = min([*spans, *origins.seconds[:1].tolist()], default=0.0)
     end_s = max([*spans, *origins.seconds[-1:].tolist()], default=0.0)
     if end_s <= start_s:
         return Markup("")
-    left, right, top, bottom = 52.0, 346.0, 14.0, 130.0
+    left_x, right_x, top, bottom = 52.0, 346.0, 14.0, 130.0
     unit, scale = draw.time_unit(end_s - start_s)
-    across = draw.Scale(start_s, end_s, left, right)
+    across = draw.Scale(start_s, end_s, left_x, right_x)
     away = origins.away_m[np.isfinite(origins.away_m)]
     up = draw.Scale(0.0, max(1.1 * float(away.max(initial=0.0)), 10.0), bottom, top)
     low = bottom + 8.0
@@ -242,11 +244,11 @@ def origins_plot(
     parts = [
         *_axes(across, up, scale, low + 14.0),
         draw.path(across.pixels(seconds), up.pixels(away_m), "curve"),
-        draw.text(left - 5.0, low + 9.0, "source", anchor="end", css="small axis"),
+        draw.text(left_x - 5.0, low + 9.0, "source", anchor="end", css="small axis"),
         *(
-            draw.rect(across(one.from_s), low, max(across(one.to_s), across(one.from_s) + 1.0), low + 11.0, css)
-            for one in origins.usable
-            for css in (f"from {one.origin}",)
+            draw.rect(across(span.from_s), low, max(across(span.to_s), across(span.from_s) + 1.0), low + 11.0, css)
+            for span in origins.usable
+            for css in (f"from {span.origin}",)
         ),
     ]
     for name, at_s in (("onset", onset_s), ("end", until_s)):
@@ -254,11 +256,13 @@ def origins_plot(
             x = across(at_s)
             parts += [
                 draw.line(x, top - 3.0, x, low + 11.0, "onset"),
-                draw.text(min(max(x, left + 20.0), right - 20.0), top - 4.0, name, anchor="middle", css="name false"),
+                draw.text(
+                    min(max(x, left_x + 20.0), right_x - 20.0), top - 4.0, name, anchor="middle", css="name false"
+                ),
             ]
     parts += [
         draw.text(10.0, (top + bottom) / 2.0, "distance, m", anchor="middle", css="axis", turn=True),
-        draw.text((left + right) / 2.0, low + 44.0, f"time since {zero}, {unit}", anchor="middle", css="axis"),
+        draw.text((left_x + right_x) / 2.0, low + 44.0, f"time since {zero}, {unit}", anchor="middle", css="axis"),
     ]
     return draw.svg(low + 50.0, title, parts)
 

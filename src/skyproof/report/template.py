@@ -9,7 +9,7 @@ from markupsafe import Markup
 from skyproof.gnss.time import format_instant, format_moment, format_utc
 from skyproof.report.words import angle_words, p_value_words, place_words, seconds_words, span_words
 
-__all__ = ["Figure", "environment"]
+__all__ = ["Figure", "load_environment"]
 
 
 @dataclass(frozen=True)
@@ -21,13 +21,13 @@ class Figure:
     caption: str
 
 
-def _fixed(value: float | None, digits: int) -> str | None:
+def _write_fixed(value: float | None, digits: int) -> str | None:
     return None if value is None else f"{value:.{digits}f}"
 
 
 @cache
-def environment() -> Environment:
-    """The templates of all pages, and how they write numbers."""
+def load_environment() -> Environment:
+    """Load the templates of all pages, and define how they write numbers."""
     environment = Environment(
         loader=PackageLoader("skyproof.report", "."),
         autoescape=True,
@@ -37,7 +37,7 @@ def environment() -> Environment:
         keep_trailing_newline=True,
     )
     environment.filters |= {
-        "fixed": _fixed,
+        "fixed": _write_fixed,
         "instant": format_instant,
         "moment": format_moment,
         "utc": format_utc,

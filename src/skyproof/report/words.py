@@ -13,7 +13,6 @@ __all__ = [
     "chance_words",
     "distance_words",
     "evidence_words",
-    "in_minutes",
     "leap_words",
     "number_words",
     "offset_m",
@@ -25,6 +24,7 @@ __all__ = [
     "seconds_apart",
     "seconds_words",
     "span_words",
+    "uses_minutes",
 ]
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -37,12 +37,12 @@ _LEAST = 1e-300  # below this a float64 soon holds nothing; said as "practically
 
 
 def power_words(exponent: int) -> str:
-    """A power of ten: 10⁻³."""
+    """Write a power of ten: 10⁻³."""
     return "10" + str(exponent).translate(_SUPERSCRIPTS)
 
 
-def _count(number: float) -> str:
-    """A number of at least one, cut to one figure: 3 000, 7·10⁸."""
+def _write_count(number: float) -> str:
+    """Write a number of at least one, cut to one figure: 3 000, 7·10⁸."""
     power = math.floor(math.log10(number) + 1e-9)
     figure = math.floor(number / 10.0**power + 1e-9)
     if power >= 7:
@@ -51,30 +51,30 @@ def _count(number: float) -> str:
 
 
 def chance_words(probability: float) -> str:
-    """How often something of this probability happens; of rare things a little more often than it does."""
+    """State how often something of this probability happens; of rare things slightly too often."""
     if probability < _LEAST:
         return "practically never"
     if probability >= 0.01:
         percent = 100.0 * probability
         return f"in {percent:.{0 if percent >= 9.95 else 1}f} of 100 cases".replace(".0 ", " ")
-    return f"once in {_count(1.0 / probability)} cases"
+    return f"once in {_write_count(1.0 / probability)} cases"
 
 
 def evidence_words(p_value: float) -> str:
-    """How often chance gives evidence of this p-value, and no less than is known to hold."""
+    """State how often chance gives evidence of this p-value, and no less than is known to hold."""
     if p_value < _LEAST_CLAIMED:
         return f"less than {chance_words(_LEAST_CLAIMED)}"
     return chance_words(p_value)
 
 
 def number_words(value: float) -> str:
-    """A number of any size to four figures, without an exponent as long as that is readable."""
+    """Write a number of any size to four figures, without an exponent as long as that is readable."""
     text = f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
     return text.replace("-", "\N{MINUS SIGN}")
 
 
 def p_value_words(p_value: float) -> str:
-    """A p-value to two figures, which no line breaks: p = 0.33, p = 1.3·10⁻⁹, p < 10⁻³⁰⁰."""
+    """Write a p-value to two figures without line breaks: p = 0.33, p = 1.3·10⁻⁹, p < 10⁻³⁰⁰."""
     if p_value < _LEAST:
         return f"p{_HOLD}<{_HOLD}{power_words(-300)}"
     if p_value >= 1e-3:
@@ -84,31 +84,31 @@ def p_value_words(p_value: float) -> str:
 
 
 def rate_words(probability_per_hour: float) -> str:
-    """How often something of this probability per hour happens."""
+    """State how often something of this probability per hour happens."""
     if probability_per_hour < _LEAST:
         return "practically never"
-    return f"once in {_count(1.0 / probability_per_hour)} hours" if probability_per_hour <= 0.5 else "every hour"
+    return f"once in {_write_count(1.0 / probability_per_hour)} hours" if probability_per_hour <= 0.5 else "every hour"
 
 
 def leap_words(gpst: str) -> str:
-    """What GPS time is in UTC: UTC + 18 s."""
+    """State how GPS time differs from UTC: UTC + 18 s."""
     return f"UTC + {leap_seconds(np.datetime64(gpst, 'ns'))} s"
 
 
 def seconds_apart(later: str, earlier: str) -> float:
-    """Between two instants of the verdict, for words only: to the microsecond."""
+    """Return the seconds between two instants of the verdict, for words only: to the microsecond."""
     return float((np.datetime64(later, "us") - np.datetime64(earlier, "us")) / np.timedelta64(1, "s"))
 
 
 def span_words(first: str | None, last: str | None, day: str = "") -> str:
-    """A stretch of time; the date stands once if it is the same, and not at all if it is `day`."""
+    """Write a stretch of time; the date stands once if it is the same, and not at all if it is `day`."""
     begin, end = ("unknown" if instant is None else format_instant(instant) for instant in (first, last))
     same_day = first is not None and last is not None and first[:10] == last[:10]
     return f"{begin} to {end[11:] if same_day else end}".removeprefix(f"{day} " if same_day and day else "")
 
 
 def seconds_words(seconds: float) -> str:
-    """A time in the unit that suits its size, three figures."""
+    """Write a time in the unit that suits its size, three figures."""
     for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
         if abs(seconds) >= size:
             return f"{seconds / size:.3g} {unit}"
@@ -116,14 +116,14 @@ def seconds_words(seconds: float) -> str:
 
 
 def distance_words(metres: float) -> str:
-    """A distance in the unit that suits its size: 3.3 m, 902 m, 12.4 km."""
+    """Write a distance in the unit that suits its size: 3.3 m, 902 m, 12.4 km."""
     if metres < 10e3:
         return f"{metres:.{1 if metres < 100.0 else 0}f} m"
     return f"{metres / 1e3:.{1 if metres < 1e6 else 0}f} km"
 
 
 def place_words(lat_deg: float, lon_deg: float, digits: int = 6, *, minutes: bool = False) -> str:
-    """Latitude and longitude: 59.412099° N, 16.883698° E.
+    """Write latitude and longitude: 59.412099° N, 16.883698° E.
 
     digits : of degrees. minutes : degrees and decimal minutes instead, as fine: 59° 24.7259′ N, 16° 53.0219′ E.
     """
@@ -131,7 +131,7 @@ def place_words(lat_deg: float, lon_deg: float, digits: int = 6, *, minutes: boo
 
 
 def angle_words(lat_deg: float, lon_deg: float, digits: int, *, minutes: bool) -> tuple[str, str]:
-    """Latitude and longitude apart, as `place_words`."""
+    """Write latitude and longitude separately, as `place_words`."""
     return _angle(lat_deg, "NS", digits, minutes), _angle(lon_deg, "EW", digits, minutes)
 
 
@@ -144,8 +144,8 @@ def _angle(angle_deg: float, sides: str, digits: int, minutes: bool) -> str:
     return f"{whole}° {rest / 10**digits:0{digits + 3 if digits else 2}.{digits}f}′ {side}"
 
 
-def in_minutes(verdict: Verdict) -> bool:
-    """Whether places are written in degrees and decimal minutes: a setting of the run."""
+def uses_minutes(verdict: Verdict) -> bool:
+    """Test whether the run's settings ask for degrees and decimal minutes."""
     return verdict.settings.get("position_format") == "degrees-minutes"
 
 
@@ -153,7 +153,7 @@ _COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", 
 
 
 def offset_m(from_deg: tuple[float, float], to_deg: tuple[float, float]) -> tuple[float, float]:
-    """Metres to the east and north from a place (latitude, longitude) to another, in the plane that touches there."""
+    """Return metres east and north from a place (latitude, longitude) to another, in its tangent plane."""
     (lat, lon), (other, further) = ((math.radians(a), math.radians(b)) for a, b in (from_deg, to_deg))
     step_m = ecef_from_geodetic(other, further, 0.0) - ecef_from_geodetic(lat, lon, 0.0)
     east, north, _ = (float(part) for part in rot_enu_ecef(lat, lon) @ step_m)
@@ -161,7 +161,7 @@ def offset_m(from_deg: tuple[float, float], to_deg: tuple[float, float]) -> tupl
 
 
 def offset_words(from_deg: tuple[float, float], to_deg: tuple[float, float]) -> str:
-    """How far and in which direction a place (latitude, longitude) lies from another: 902 m to the south-east.
+    """State how far and in which direction a place lies from another: 902 m to the south-east.
 
     In the plane that touches the Earth at the first one.
     """

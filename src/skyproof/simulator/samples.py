@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Floats, Integers, Reals
-from skyproof.compiled import threads
+from skyproof.compiled import count_threads
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.records import Samples
 from skyproof.simulator.received import (
@@ -197,7 +197,7 @@ def render_quantised(rendering: Rendering, block: int) -> Floats:
 
 def map_ahead(function: Callable[[int], T], blocks: range) -> Iterator[T]:
     """Compute `function(block)` for each block in order, by as many threads as there are cores, few at a time."""
-    workers = threads()
+    workers = count_threads()
     if len(blocks) < 2 or workers < 2:
         yield from map(function, blocks)
         return

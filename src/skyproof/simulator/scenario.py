@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from skyproof.errors import InputError, ScenarioError, shortened
+from skyproof.errors import InputError, ScenarioError, shorten
 from skyproof.formats.documents import read_toml
 from skyproof.formats.models import Instant, Model, Name, describe_faults
 from skyproof.gnss.imu_grades import GRADES
@@ -278,7 +278,7 @@ def require_known_name(name: str, names: Mapping[str, Any] | list[str], what: st
     if name not in names:
         near = get_close_matches(name[:60], list(names), 1, cutoff=0.4)
         hint = f"did you mean {near[0]!r}? " if near else ""
-        raise ValueError(f"{what} {shortened(name)!r} is not known; {hint}known: {', '.join(names)}")
+        raise ValueError(f"{what} {shorten(name)!r} is not known; {hint}known: {', '.join(names)}")
 
 
 def parse_scenario(table: Mapping[str, Any], *, source: str = "scenario") -> Scenario:

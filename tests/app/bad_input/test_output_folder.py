@@ -121,7 +121,7 @@ def test_a_full_disk_leaves_the_answer_on_the_terminal(run, wide, ended_run, ful
 
 
 def test_from_python_the_error_holds_the_answer(wide, tmp_path, monkeypatch):
-    monkeypatch.setattr("skyproof.app.protect.outputs.report_html", lambda *_: 1 / 0)
+    monkeypatch.setattr("skyproof.app.protect.outputs.write_report_html", lambda *_: 1 / 0)
     with pytest.raises(
         IncompleteOutput, match=r"lacks report.html, checksums.sha256: unexpected ZeroDivision"
     ) as raised:

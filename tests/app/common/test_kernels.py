@@ -115,7 +115,7 @@ def test_who_calls_from_python_reads_it_in_the_log(monkeypatch, processes, caplo
 
 def test_processes_pass_on_what_they_print_and_end(monkeypatch):
     monkeypatch.setattr(kernels.subprocess, "Popen", _echo(subprocess.Popen))
-    monkeypatch.setattr(kernels, "threads", lambda: 2)
+    monkeypatch.setattr(kernels, "count_threads", lambda: 2)
     assert sorted(kernels._run_jobs(["a", "b", "c"])) == ["job a", "job b", "job c"]
 
 

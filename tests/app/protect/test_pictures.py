@@ -9,7 +9,7 @@ from tests.app import kit
 from skyproof.app.protect import pictures
 from skyproof.app.protect.pictures import build_pictures
 from skyproof.gnss.frames import geodetic_from_ecef
-from skyproof.report.page import report_html
+from skyproof.report.page import write_report_html
 from skyproof.simulator.scenario import Meaconer
 
 PLACE = {"lat_deg": 57.7, "lon_deg": 11.9, "height_m": 50.0}
@@ -56,7 +56,7 @@ def test_the_simulated_truth_lies_where_the_receiver_stood(judged):
 
 @pytest.mark.long
 def test_the_same_run_gives_the_same_page(judged):
-    pages = {report_html(judged.verdict, build_pictures(judged.outcome)) for _ in range(2)}
+    pages = {write_report_html(judged.verdict, build_pictures(judged.outcome)) for _ in range(2)}
     assert len(pages) == 1
 
 

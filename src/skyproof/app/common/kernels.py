@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from skyproof.app.common.progress import Progress, Silent
 from skyproof.batch.attempt import ONE_THREAD
-from skyproof.compiled import LOG, explain_not_kept, is_kept, kernels_in, threads, writable_folder
+from skyproof.compiled import LOG, count_threads, explain_not_kept, is_kept, kernels_in, writable_folder
 
 __all__ = ["JOBS", "JUDGING", "RECEIVING", "kernels_of", "make_ready"]
 
@@ -128,7 +128,7 @@ def _run_jobs(jobs: Sequence[str]) -> Any:
     try:
         busy = 0
         while waiting or busy:
-            while waiting and busy < threads():
+            while waiting and busy < count_threads():
                 begin()
                 busy += 1
             name = lines.get()

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, PlainValidator, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
 from skyproof.arrays import Reals
-from skyproof.errors import shown
+from skyproof.errors import write_value
 from skyproof.formats.models import FilePath, Instant, Model, Name, Number, find_repeated
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.imu_grades import GRADES, ImuGrade, imu_grade
@@ -40,16 +40,16 @@ def _axes(value: Any) -> str | Matrix:
         return value
     expected = f"expected {', '.join(map(repr, AXES))} or a rotation as three rows of three numbers"
     if not isinstance(value, list | tuple):
-        raise ValueError(f"is {shown(value)}, {expected}")
+        raise ValueError(f"is {write_value(value)}, {expected}")
     rows = [list(row) for row in value if isinstance(row, list | tuple)]
     numbers = [x for row in rows for x in row if isinstance(x, float | int) and not isinstance(x, bool) and abs(x) <= 2]
     if len(value) != 3 or [len(row) for row in rows] != [3, 3, 3] or len(numbers) != 9:
-        raise ValueError(f"is {shown(value)}, {expected}")
+        raise ValueError(f"is {write_value(value)}, {expected}")
     matrix = np.array(rows, np.float64)
     if np.abs(matrix @ matrix.T - np.eye(3)).max() > 2.0 * ROTATION_ERROR or np.linalg.det(matrix) < 0.0:
         raise ValueError(
-            f"is {shown(value)}, expected a rotation: rows of length one at right angles, determinant +1; its rows are "
-            "forward, right and down in the unit's axes"
+            f"is {write_value(value)}, expected a rotation: rows of length one at right angles, determinant +1; its "
+            "rows are forward, right and down in the unit's axes"
         )
     first, second, third = ((float(a), float(b), float(c)) for a, b, c in rows)
     return first, second, third

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from skyproof.app.common.settings import Settings, resolve_settings
-from skyproof.errors import InputError, SettingsError, shortened
+from skyproof.errors import InputError, SettingsError, shorten
 from skyproof.formats.bounds import METADATA_BYTES
 from skyproof.formats.byte_io import read_text
 from skyproof.formats.documents import read_rows
@@ -110,7 +110,7 @@ def _require_columns(names: list[str], where: str) -> None:
         if name not in COLUMNS:
             near = difflib.get_close_matches(name, COLUMNS, n=1) or ["inputs"]
             raise InputError(
-                f"{where}: column {shortened(name)!r} is not known, nearest is {near[0]!r}; the first line names the "
+                f"{where}: column {shorten(name)!r} is not known, nearest is {near[0]!r}; the first line names the "
                 "columns: name, inputs, nav, imu, platform, and settings"
             )
         if names.count(name) > 1:
@@ -126,7 +126,7 @@ def _item(cells: dict[str, str], where: str) -> CatalogueItem:
     name = cells.get("name") or _name_from_paths(inputs or (cells["platform"],))
     if not _NAME.fullmatch(name):
         raise InputError(
-            f"{where}: name = {shortened(name)!r} cannot be that of a folder; give one of letters, digits, "
+            f"{where}: name = {shorten(name)!r} cannot be that of a folder; give one of letters, digits, "
             '"_", "-", "+", "." and spaces, at most 100, that begins with a letter or digit'
         )
     settings: dict[str, Any] = {key: _value(key, cells[key], where) for key in SETTINGS if key in cells}
@@ -149,4 +149,4 @@ def _value(key: str, text: str, where: str) -> float | str:
     try:
         return float(text)
     except ValueError:
-        raise InputError(f"{where}: {key} = {shortened(text)!r}, expected a number; write it with a point") from None
+        raise InputError(f"{where}: {key} = {shorten(text)!r}, expected a number; write it with a point") from None

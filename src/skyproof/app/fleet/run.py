@@ -14,11 +14,11 @@ from skyproof.app.fleet.catalogue import CatalogueItem, read_catalogue
 from skyproof.app.fleet.piece import make_piece, protect_piece
 from skyproof.app.fleet.rows import FleetRow, make_row, write_rows
 from skyproof.batch import ITEMS, Item, Processes, Runner, Store, run
-from skyproof.compiled import threads
+from skyproof.compiled import count_threads
 from skyproof.errors import OutputError, SettingsError
 from skyproof.formats.atomic_write import write_lines
 from skyproof.formats.bounds import list_names
-from skyproof.report.fleet import fleet_html
+from skyproof.report.fleet import write_fleet_html
 
 __all__ = ["PAGE", "TABLE", "FleetResult", "fleet"]
 
@@ -106,7 +106,7 @@ def _fleet(
             errors, interrupted = run(pieces, protect_piece, store, doing, report=stage.advance, say=progress.say)
         rows = tuple(make_row(item, store.of(item.name), errors.get(item.name)) for item in items)
         write_rows(rows, folder / TABLE)
-        write_lines(folder / PAGE, [fleet_html(rows)], end="", encoding="utf-8")
+        write_lines(folder / PAGE, [write_fleet_html(rows)], end="", encoding="utf-8")
     return FleetResult(rows=rows, folder=folder, interrupted=interrupted)
 
 
@@ -115,7 +115,7 @@ def _runner(workers: int | None, ray: str | None) -> AbstractContextManager[Runn
         return _load_ray_nodes(ray, workers)
     if workers is not None and workers < 1:
         raise SettingsError(f"workers is {workers}, expected 1 or more; leave it out for one a core")
-    return Processes(threads() if workers is None else workers)
+    return Processes(count_threads() if workers is None else workers)
 
 
 def _load_ray_nodes(address: str, workers: int | None) -> AbstractContextManager[Runner]:

@@ -16,7 +16,7 @@ from skyproof.receiver.clock_agreement import Disagreement
 from skyproof.recording.conditioning import MeasuredFrontEnd
 from skyproof.recording.survey import OscillatorError, Survey
 from skyproof.records import Samples
-from skyproof.short_repr import ShortRepr, notebook_html
+from skyproof.short_repr import ShortRepr, write_notebook_html
 
 __all__ = ["Inspection", "Satellite", "make_plain", "write_document_json"]
 _LEVELS_LISTED: Final = 16
@@ -153,7 +153,7 @@ class Inspection(ShortRepr):
         samples = self.samples
         kind = "real" if self.front_end.real else "complex"
         columns = ("satellite", "C/N0, dB-Hz", "Doppler, Hz", "code phase, chips", "signals")
-        return notebook_html(
+        return write_notebook_html(
             samples.path or samples.name,
             [
                 self.summary,

@@ -20,7 +20,7 @@ from skyproof.logs.kinds import HEAD_BYTES, kind_of_log
 from skyproof.logs.orbits import OrbitCollector
 from skyproof.logs.wanted import WantedMessage, configure, missing_messages, protocol_of
 from skyproof.records import Observations
-from skyproof.short_repr import ShortRepr, notebook_html
+from skyproof.short_repr import ShortRepr, write_notebook_html
 
 __all__ = ["LogInspection", "LoggedSignals", "holds_measurements", "inspect_log"]
 
@@ -137,7 +137,9 @@ class LogInspection(ShortRepr):
             for s in self.signals
         ]
         head = ("system", "band", "code", "satellites", "most at once", "C/N0, dB-Hz")
-        return notebook_html(self.path, [self.summary, *self.remarks, self.advice, *self.configuration], (head, rows))
+        return write_notebook_html(
+            self.path, [self.summary, *self.remarks, self.advice, *self.configuration], (head, rows)
+        )
 
 
 def holds_measurements(path: Path) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from skyproof.errors import SettingsError, fault_words
+from skyproof.errors import SettingsError, describe_fault
 from skyproof.formats.raw import SampleLayout, open_raw_channels, read_sidecar, write_sidecar_text
 from skyproof.formats.recording import open_recording
 from skyproof.gnss.time import format_iso
@@ -50,7 +50,7 @@ def open_with_keys(
         layout = SampleLayout.model_validate({**stated, **given})
     except ValidationError as error:
         faults = "; ".join(
-            fault_words(".".join(map(str, fault["loc"])), fault) for fault in error.errors(include_url=False)
+            describe_fault(".".join(map(str, fault["loc"])), fault) for fault in error.errors(include_url=False)
         )
         raise SettingsError(
             f"{path}: the options do not say how to read it: {faults}; give rate_hz, kind, encoding and bits at least"

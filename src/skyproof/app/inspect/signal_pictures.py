@@ -12,7 +12,7 @@ from skyproof.formats.atomic_write import write_lines
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.recording.conditioning import condition
 from skyproof.recording.lobes import CELLS_PER_CHIP, compute_correlation_power
-from skyproof.report.signal import Lobe, Mark, correlation_svg, levels_svg, spectrum_svg
+from skyproof.report.signal import Lobe, Mark, draw_correlation_svg, draw_levels_svg, draw_spectrum_svg
 
 if TYPE_CHECKING:
     from skyproof.app.inspect.inspection import Inspection
@@ -46,9 +46,9 @@ def write_pictures(
         front = inspection.front_end
         marks = [Mark(line.frequency_hz, _top(inspection, line.frequency_hz), line.hurts) for line in front.lines]
         pictures = (
-            levels_svg(front.levels, front.level_shares),
-            spectrum_svg(front.frequency_hz, front.density, front.floor, marks),
-            correlation_svg(_correlate_lobes(inspection)),
+            draw_levels_svg(front.levels, front.level_shares),
+            draw_spectrum_svg(front.frequency_hz, front.density, front.floor, marks),
+            draw_correlation_svg(_correlate_lobes(inspection)),
         )
         for kind, picture in zip(_PICTURES, pictures, strict=True):
             if picture:

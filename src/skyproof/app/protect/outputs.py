@@ -53,7 +53,7 @@ from skyproof.records import (
     Observations,
     SignalId,
 )
-from skyproof.report.page import report_html
+from skyproof.report.page import write_report_html
 from skyproof.verdict import USABLE, Verdict
 
 __all__ = ["require_outputs_free", "write_evidence_line", "write_outputs"]
@@ -130,7 +130,7 @@ def write_outputs(
 
 
 def _write_report(folder: Path, verdict: Verdict, outcome: Outcome) -> None:
-    write_lines(folder / REPORT, [report_html(verdict, build_pictures(outcome))], encoding="utf-8")
+    write_lines(folder / REPORT, [write_report_html(verdict, build_pictures(outcome))], encoding="utf-8")
 
 
 def _settings_lines(settings: Settings) -> list[str]:

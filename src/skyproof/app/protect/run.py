@@ -40,14 +40,14 @@ from skyproof.app.receive.observed import ObservedFile, observe_file
 from skyproof.app.receive.reception import Reception, observe, overlap_s, require_signals
 from skyproof.app.receive.short import is_short, observe_short, require_some
 from skyproof.app.receive.tracker import track
-from skyproof.errors import IncompleteOutput, InputError, NotEnoughData, SettingsError, readable
+from skyproof.errors import IncompleteOutput, InputError, NotEnoughData, SettingsError, make_readable
 from skyproof.formats.atomic_write import Unwritten, describe_missing
 from skyproof.formats.byte_io import compute_sha256
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.fusion.policy import POLICY
 from skyproof.gnss.time import format_iso, seconds_between
-from skyproof.interruption import Stopped, came, deferred, heard
+from skyproof.interruption import Stopped, defer, has_come, raise_at_signal
 from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.records import (
     AntennaArray,
@@ -146,10 +146,10 @@ def _run(given: _Given, out: Path | None, progress: Progress) -> tuple[ProtectRe
     nav_sum = None if nav is None else compute_sha256(nav)  # now, of what was read: it may be gone at the end
     body_files = open_body(carrier, str(platform or given.imu))
     paths, called = select_inputs(carrier, given.inputs, str(platform))
-    with deferred(), Workspace(out) as workspace:
+    with defer(), Workspace(out) as workspace:
         if workspace.removed:
             progress.say(f"{out}: what a run that was killed had found so far (unfinished-run) is removed")
-        with heard():  # nothing is decided yet
+        with raise_at_signal():  # nothing is decided yet
             sources = open_inputs(paths, settings, navigation, called, workspace)
             carrier, body_files = _use_logged_imu(carrier, body_files, sources, str(platform or given.imu))
             body_files = with_stored_readings(body_files, workspace)
@@ -190,26 +190,32 @@ def _run(given: _Given, out: Path | None, progress: Progress) -> tuple[ProtectRe
                 raise KeyboardInterrupt(f"interrupted before any test could run, and nothing was written: {untested}")
             raise NotEnoughData(untested)
         # Whoever interrupts does not wait for the sums of large files.
-        sums = {} if came() else _sum_files(_list_files(receptions), progress)
+        sums = {} if has_come() else _sum_files(_list_files(receptions), progress)
         notes = [note for r in receptions for note in _make_notes(r, interrupted, sums)]
         notes += [InputNote(path=path, format="sidecar", sha256=sum_, remarks=()) for path, sum_ in sidecars.items()]
         if nav is not None:
             remarks = _list_navigation_remarks(navigation) + no_orbits
-            notes.append(InputNote(path=readable(str(nav)), format="RINEX navigation", sha256=nav_sum, remarks=remarks))
+            notes.append(
+                InputNote(path=make_readable(str(nav)), format="RINEX navigation", sha256=nav_sum, remarks=remarks)
+            )
         for path, kind, remarks in body_files.remarks(
             body, find_span(receptions), None if unit is None else unit.readings
         ):
-            notes.append(InputNote(path=readable(path), format=kind, sha256=body_files.sums[path], remarks=remarks))
+            notes.append(
+                InputNote(path=make_readable(path), format=kind, sha256=body_files.sums[path], remarks=remarks)
+            )
         if platform is not None:
             remarks = unused
             notes.append(
-                InputNote(path=readable(str(platform)), format="platform", sha256=given.platform_sum, remarks=remarks)
+                InputNote(
+                    path=make_readable(str(platform)), format="platform", sha256=given.platform_sum, remarks=remarks
+                )
             )
         verdict = document(outcome, notes, settings, interrupted=interrupted)
         for name in NOTES:
             workspace.drop_notes(name)
         unwritten = () if out is None else _write(out, verdict, outcome, settings, progress)
-        return ProtectResult(verdict=verdict, outcome=outcome, folder=out, interrupted=came()), unwritten
+        return ProtectResult(verdict=verdict, outcome=outcome, folder=out, interrupted=has_come()), unwritten
 
 
 def _receive_all(
@@ -241,7 +247,7 @@ def _receive_all(
 
     def received(source: Samples | ObservedFile) -> Reception:
         if not isinstance(source, Samples):
-            with nullcontext() if trackers else heard():  # what was tracked is not lost for it
+            with nullcontext() if trackers else raise_at_signal():  # what was tracked is not lost for it
                 return observe_file(source, workspace, navigation)
         array = arrays.get(source.name)
         if is_short(source):
@@ -403,7 +409,7 @@ def _sum_sidecars(sources: Sequence[Samples | ObservedFile]) -> dict[str, str]:
         if isinstance(source, Samples)
         for recording in (source, *source.others)
     ]
-    return {readable(str(file)): compute_sha256(file) for file in dict.fromkeys(files) if file is not None}
+    return {make_readable(str(file)): compute_sha256(file) for file in dict.fromkeys(files) if file is not None}
 
 
 def _sum_files(files: Mapping[str, OpenFile], progress: Progress) -> dict[str, str | None]:
@@ -411,7 +417,7 @@ def _sum_files(files: Mapping[str, OpenFile], progress: Progress) -> dict[str, s
     sums: dict[str, str | None] = {}
     with (
         suppress(KeyboardInterrupt),
-        heard(),
+        raise_at_signal(),
         progress.stage("computing checksums of the inputs", float(len(files))) as stage,
     ):
         for number, (path, file) in enumerate(files.items()):

@@ -13,7 +13,7 @@ from skyproof.formats.pieces import Workspace
 from skyproof.fusion.decide import Deciding
 from skyproof.gnss.time import format_clock, format_iso
 from skyproof.records import Finding, VerdictWord
-from skyproof.verdict import word_shown
+from skyproof.verdict import write_word
 
 __all__ = ["NOTES", "WordsSoFar"]
 
@@ -48,7 +48,7 @@ class WordsSoFar:
         word = step.deciding.word
         if word is not None and word != self._word:
             self._word = word
-            self._progress.say(f"up to {format_clock(format_iso(end, 0))}: {word_shown(word)}")
+            self._progress.say(f"up to {format_clock(format_iso(end, 0))}: {write_word(word)}")
 
     def note(self, findings: Sequence[Finding]) -> None:
         """Write findings down."""

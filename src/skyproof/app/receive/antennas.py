@@ -53,7 +53,7 @@ def in_step(antennas: Sequence[Samples], name: str) -> Samples:
         names = [str(number) for number in range(1, len(names) + 1)]
     of_all = [remark for remark in first.remarks if all(remark in other.remarks for other in rest)]
     remarks_by_antenna = [
-        Remark.reworded(remark, f"antenna {called}: {remark}")
+        Remark.reword(remark, f"antenna {called}: {remark}")
         for called, recording in zip(names, antennas, strict=True)
         for remark in (
             *recording.remarks,

@@ -12,7 +12,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.receive.antennas import in_step
 from skyproof.app.receive.logged import holds_log, open_log
 from skyproof.app.receive.observed import ObservedFile, has_same_measurements, open_observations
-from skyproof.errors import InputError, SettingsError, shown
+from skyproof.errors import InputError, SettingsError, write_value
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.recording import open_recording
 from skyproof.formats.rinex_nav import get_glonass_channels
@@ -37,7 +37,9 @@ def list_paths(inputs: Iterable[str | Path | Iterable[str | Path]]) -> list[Path
     for item in inputs:
         for path in [item] if isinstance(item, str | Path) or not isinstance(item, Iterable) else item:
             if not isinstance(path, str | Path):
-                raise InputError(f"an input is {shown(path)}, of type {type(path).__name__}; give the path of a file")
+                raise InputError(
+                    f"an input is {write_value(path)}, of type {type(path).__name__}; give the path of a file"
+                )
             paths.append(Path(path))
     return paths
 

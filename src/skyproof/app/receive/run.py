@@ -25,10 +25,10 @@ from skyproof.formats.atomic_write import OutputStep, Unwritten, describe_missin
 from skyproof.formats.pieces import UNFINISHED_RUN, Workspace, is_unfinished
 from skyproof.formats.rinex_nav import read_nav, write_nav
 from skyproof.gnss.time import format_iso
-from skyproof.interruption import came, deferred
+from skyproof.interruption import defer, has_come
 from skyproof.navigation.fix import fix
 from skyproof.records import FixStatus, NavigationData, ObservationLog, Observations, SignalId
-from skyproof.short_repr import ShortRepr, notebook_html
+from skyproof.short_repr import ShortRepr, write_notebook_html
 
 __all__ = ["ReceiveResult", "list_signals", "receive", "write_document_json"]
 
@@ -89,7 +89,7 @@ class ReceiveResult(ShortRepr):
                     )
                 )
         columns = ("receiver", "signal", "found after, s", "epochs", "C/N0, dB-Hz", "Doppler, Hz")
-        return notebook_html("Received", heads, (columns, rows))
+        return write_notebook_html("Received", heads, (columns, rows))
 
 
 def receive(
@@ -158,19 +158,19 @@ def _receive(
     )
     navigation = None if nav is None else read_nav(Path(nav))
     make_ready(RECEIVING, progress)
-    with deferred(), Workspace(out) as workspace:
+    with defer(), Workspace(out) as workspace:
         trackers, interrupted = track(recordings, settings, progress, navigation, watchful=False, workspace=workspace)
         if not interrupted:
             require_signals(trackers)
         receptions = tuple(observe(tracker, navigation, workspace=workspace) for tracker in trackers)
         signals = tuple(list_signals(r.observations) for r in receptions)
         if out is None:
-            return ReceiveResult(receptions=receptions, signals=signals, interrupted=came()), ()
+            return ReceiveResult(receptions=receptions, signals=signals, interrupted=has_come()), ()
         steps = [_steps(reception, navigation) for reception in receptions]
         unwritten = write_in_turn(out, [step for each in steps for step in each], instead_of=earlier)
         missing = {name for each in unwritten for name in each.names}
         files = tuple(tuple(n for step in each for n in step.names if n not in missing) for each in steps)
-        result = ReceiveResult(receptions=receptions, signals=signals, folder=out, files=files, interrupted=came())
+        result = ReceiveResult(receptions=receptions, signals=signals, folder=out, files=files, interrupted=has_come())
         return result, unwritten
 
 

@@ -8,7 +8,7 @@ from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.scenes.scene_page import write_page
 from skyproof.app.scenes.simulate import load_scenario
 from skyproof.formats.atomic_write import write_lines
-from skyproof.report.stability import AllanCurve, stability_html
+from skyproof.report.stability import AllanCurve, write_stability_html
 from skyproof.simulator import scenes
 from skyproof.simulator.constellation import make_navigation
 from skyproof.simulator.scenario import Scenario
@@ -47,7 +47,7 @@ def write_stability_page() -> str:
             ("oscillator", clocks),
         )
     ]
-    return stability_html(plots, f"Drawn by skyproof {version('skyproof')}.")
+    return write_stability_html(plots, f"Drawn by skyproof {version('skyproof')}.")
 
 
 def _curve(one: Stability) -> AllanCurve:

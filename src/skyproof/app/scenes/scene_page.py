@@ -26,7 +26,7 @@ from skyproof.report.scene import (
     Setting,
     SettingGroup,
     Switching,
-    scene_html,
+    write_scene_html,
 )
 from skyproof.simulator.attacks import Interference, Meaconer, Spoofer, Takeover
 from skyproof.simulator.platforms import Point, compute_motion, make_trajectory
@@ -87,7 +87,7 @@ def write_scene_page(scenario: Scenario, navigation: NavigationData) -> str:
     origin = firsts[0].point(np.array([firsts[0].receiver.start_offset_s])).position_ecef_m[0]
     lat_rad, lon_rad, _ = geodetic_from_ecef(origin)
     several = any(sky.receiver.name != sky.name for sky in scene.skies)
-    return scene_html(
+    return write_scene_html(
         ScenePage(
             name=scenario.name,
             description=scenario.description,

@@ -23,7 +23,7 @@ from skyproof.gnss.time import utc_from_gpst
 from skyproof.logs.ubx_write import ubx_log
 from skyproof.navigation.fix import fix
 from skyproof.records import NavigationData, Observations, ReceiverFixes, SignalId
-from skyproof.short_repr import ShortRepr, notebook_html
+from skyproof.short_repr import ShortRepr, write_notebook_html
 from skyproof.simulator.constellation import make_navigation
 from skyproof.simulator.files import (
     Container,
@@ -92,7 +92,7 @@ class SimulateResult(ShortRepr):
         )
         listed = [(name, self.folder / name) for name in self.files]
         rows = [(name, _size(path.stat().st_size)) for name, path in listed if path.exists()]
-        return notebook_html(f"Scene {made.name}", [legend.strip()], ((f"file in {self.folder}", "size"), rows))
+        return write_notebook_html(f"Scene {made.name}", [legend.strip()], ((f"file in {self.folder}", "size"), rows))
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from skyproof.batch import Item, Processes, Store, run
-from skyproof.compiled import threads
+from skyproof.compiled import count_threads
 from skyproof.simulator.scenario import Scenario
 from skyproof.studies.base import StudySettings
 from skyproof.studies.protection.cell import rows_of, stretch_of
@@ -53,7 +53,7 @@ def done(asked: Sequence[SharedSamples], name: str, settings: StudySettings) -> 
     """
     with TemporaryDirectory(prefix=f"skyproof-{name}") as made:
         folder = Path(made) if settings.folder is None else settings.folder / name
-        with Store(folder) as store, Processes(min(threads(), len(asked))) as processes:
+        with Store(folder) as store, Processes(min(count_threads(), len(asked))) as processes:
             items = [cells.item for cells in asked]
             errors, interrupted = run(items, _work, store, processes, report=settings.report)
             for cells, item in zip(asked, items, strict=True):
