@@ -47,8 +47,8 @@ from skyproof.simulator.files import write_series
 from skyproof.simulator.scenes import load_ready_made, read_ready_made
 from skyproof.simulator.sky import make_scene
 from skyproof.studies.correlator_model import protect_scene
-from skyproof.studies.protection.cell import rows_of, stretch_of, written_without_samples
-from skyproof.studies.protection.equipment import EQUIPMENT, equipped
+from skyproof.studies.protection.cell import cut_scene, make_rows, write_without_samples
+from skyproof.studies.protection.equipment import EQUIPMENT, equip
 from skyproof.studies.protection.score import score
 from skyproof.studies.random_scenes import BuiltScene, DrawnScene, build_scene, draw_scene
 from skyproof.studies.receiver_model import KnownReception
@@ -256,13 +256,13 @@ def _damaged(rest: str) -> Row:
 def _cell(rest: str) -> Row:
     """A ready-made scene with one equipment, behind drawn correlators."""
     scene_name, _, number = rest.rpartition("-")
-    found = equipped(stretch_of(read_ready_made(scene_name)), equipment := BY_CORRELATORS[int(number)])
+    found = equip(cut_scene(read_ready_made(scene_name)), equipment := BY_CORRELATORS[int(number)])
     if found is None:
         return {}
     navigation = make_navigation(found.scenario)
     scene = make_scene(found.scenario, navigation)
     with TemporaryDirectory(prefix="corpus") as name:
-        platform = written_without_samples(scene, found, Path(name))
+        platform = write_without_samples(scene, found, Path(name))
         verdict, outcome = protect_scene(scene, navigation, platform, found.scenario.seed)
     kept = score(scene, verdict, outcome)
     counts = {key: kept[key] for key in ("wrong_labels", "wrong_fixes", "false_alarms")}
@@ -274,10 +274,10 @@ def _cell_samples(rest: str) -> Row:
     scene_name, _, number = rest.rpartition("-")
     equipment = list(EQUIPMENT)[int(number)]
     scenario = read_ready_made(scene_name)
-    if equipped(scenario, equipment) is None:
+    if equip(scenario, equipment) is None:
         return {}
     with TemporaryDirectory(prefix="corpus") as name:
-        (row,) = rows_of(scenario, (equipment,), Path(name))
+        (row,) = make_rows(scenario, (equipment,), Path(name))
     counts = {key: row[key] for key in ("wrong_labels", "wrong_fixes", "false_alarms")}
     counts["right_fixes"] = round(1000 * row["trusted_share"])
     truth = ATTACK if scenario.attacks else CLEAN

@@ -33,7 +33,7 @@ from skyproof.explain import explain
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.simulator.files import write_samples
 from skyproof.studies.protection.errors import compare_with_truth
-from skyproof.studies.random_scenes import BuiltScene, DrawnScene, build_scene, draw_scene, stated_sigma_m
+from skyproof.studies.random_scenes import BuiltScene, DrawnScene, build_scene, default_sigma_m, draw_scene
 from skyproof.studies.receiver_model import ChannelNoise, KnownReception, add_truth, model_receptions, true_offset_s
 from skyproof.verdict import WORDS, write_word
 
@@ -194,7 +194,7 @@ def fits_distance(made: BuiltScene, heard: Sequence[KnownReception], outcome: Ou
         wrong = wrong[wrong < min(o.position_ecef_m.shape[0] for o in heard)]
         if wrong.size:
             apart_m = np.linalg.norm(r.trusted.position_ecef_m[wrong] - heard[1 - k].position_ecef_m[wrong], axis=1)
-            if np.median(np.abs(apart_m - stated_m)) > 3.0 * stated_sigma_m(stated_m):
+            if np.median(np.abs(apart_m - stated_m)) > 3.0 * default_sigma_m(stated_m):
                 return None
     return "knows" if attack.place == "sphere" else "chance"
 

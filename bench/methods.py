@@ -18,11 +18,11 @@ from skyproof.detectors.correlators.vector_sqm import satellite_geometry
 from skyproof.detectors.dccaf.inverse_raim import find_passing_sets
 from skyproof.statistics.cusum import cusum_path
 from skyproof.statistics.directions import hemisphere
-from skyproof.studies.arm_angles import arm_angles, paired_fit
+from skyproof.studies.arm_angles import arm_angles, fit_pairs
 from skyproof.studies.array_geometry import equilateral_triangle, single_statistic
 from skyproof.studies.decomposition_laws import count_statistic, delay_dictionary, noise_variance, simulate_taps
-from skyproof.studies.direction_tests import blocks, dead_zone
-from skyproof.studies.double_difference import difference_test, pairs_rejected
+from skyproof.studies.direction_tests import blocks, measure_dead_zone
+from skyproof.studies.double_difference import difference_test, reject_pairs
 from skyproof.studies.exclusion import choose_fix
 from skyproof.studies.group_choice import span_test, split_skies
 from skyproof.studies.quality_metrics import delta_law, delta_metric, moving_variance, ratio_p_value
@@ -62,7 +62,7 @@ def _methods() -> Iterator[Method]:
     yield Method(
         "multi-receiver 1b, all pairs of a window",
         _normal(28, 30, 1),
-        lambda sd_m: pairs_rejected(sd_m, 0.01),
+        lambda sd_m: reject_pairs(sd_m, 0.01),
         28 * 27 // 2,
     )
     yield Method("two skies, 64 splits", _normal(7, 2), lambda range_m: split_skies(range_m, units[:7]), 64)
@@ -95,7 +95,7 @@ def _methods() -> Iterator[Method]:
     yield Method("the same, 8 signals jointly", _normal(SATS, 2, sigma=0.01), lambda z: joint_statistic(z, common))
     yield Method("array alone, 8 signals equal", _normal(SATS, 2, sigma=0.01), lambda z: equal_statistic(z, WHITE))
     angle_rad = arm_angles(150, 0.05 * np.pi)
-    yield Method("spin as printed, 150 samples", _normal(150, sigma=0.01), lambda z: paired_fit(z, angle_rad, **ARM))
+    yield Method("spin as printed, 150 samples", _normal(150, sigma=0.01), lambda z: fit_pairs(z, angle_rad, **ARM))
     yield Method(
         "spin, whole series, 150 samples", _normal(150, sigma=0.01), lambda z: fit_whole_series(z, angle_rad, **ARM)
     )
@@ -186,8 +186,8 @@ def _maps() -> Iterator[str]:
     grid = blocks(5.0)
     design = array_design(CELLS_CYC)
     plain, wrapped = take_turns(
-        lambda: dead_zone(grid.direction, grid.direction, design, WHITE, weight=grid.share),
-        lambda: dead_zone(grid.direction, grid.direction, design, WHITE, weight=grid.share, wrapped=True),
+        lambda: measure_dead_zone(grid.direction, grid.direction, design, WHITE, weight=grid.share),
+        lambda: measure_dead_zone(grid.direction, grid.direction, design, WHITE, weight=grid.share, wrapped=True),
         runs=3,
     )
     beside = f"with whole cycles unknown {wrapped.median:.3g} s; limit 2 s"

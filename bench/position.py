@@ -24,7 +24,7 @@ from skyproof.navigation.fix import fix
 from skyproof.navigation.least_squares import compute_line_of_sight
 from skyproof.navigation.ranges import correct_ranges
 from skyproof.records import NavigationData, Observations, SignalId
-from skyproof.studies.code_signals import code_positioning_signals
+from skyproof.studies.code_signals import select_code_signals
 from skyproof.studies.position_filter import FilterSettings, step
 
 MASK_DEG = 10.0
@@ -96,7 +96,7 @@ def _rows(
 
 def chosen(seen: Observations, systems: str) -> tuple[SignalId, ...]:
     """One code signal of each satellite of the systems named by their letters."""
-    return tuple(signal for signal in code_positioning_signals(seen) if signal.sat[0] in systems)
+    return tuple(signal for signal in select_code_signals(seen) if signal.sat[0] in systems)
 
 
 def rtklib(folder: Path, station: Station, systems: str) -> Reals:

@@ -41,7 +41,7 @@ from skyproof.simulator.scenario import FrontEnd, Scenario, ScenePlace
 from skyproof.studies.discriminator_laws import (
     code_discriminator,
     code_sigma_chips,
-    combined_taps,
+    combine_taps,
     phase_sigma_rad,
     prompt_amplitude,
 )
@@ -165,7 +165,7 @@ def _three(taps: Taps, channels: list[int] | slice = slice(None)) -> Complexes:
 def _counted(name: str, value: Complexes, cn0_dbhz: Reals, design: Reals) -> Iterator[str]:
     for sums in (1, 10):
         blocks = value[: len(value) // sums * sums].reshape(-1, sums, *value.shape[1:])
-        summed = combined_taps(blocks, axis=1)
+        summed = combine_taps(blocks, axis=1)
         u, q = code_discriminator(summed[..., 0], summed[..., 2]), phase_discriminator(summed[..., 1])
         amplitude = prompt_amplitude(cn0_dbhz, sums)
         beyond = (np.abs(u) > 0.1) | (np.abs(q) > 0.05 * np.pi)

@@ -20,7 +20,7 @@ from skyproof.simulator import scenes
 from skyproof.simulator.constellation import make_navigation
 from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd
-from skyproof.studies.discriminator_laws import code_discriminator, combined_taps, prompt_amplitude
+from skyproof.studies.discriminator_laws import code_discriminator, combine_taps, prompt_amplitude
 from skyproof.studies.vector_rules import Equilibrium, detection_probability, equilibrium
 from skyproof.studies.vector_sky import PRNS, SKY, attack_on
 
@@ -91,7 +91,7 @@ def _offsets(value: Complexes) -> tuple[Reals, Reals]:
 def _mean(value: Complexes) -> tuple[Reals, Reals]:
     """(6,) offsets of the sums over 20 ms, where noise does not bend the discriminators."""
     blocks = value[: len(value) // 20 * 20].reshape(-1, 20, *value.shape[1:])
-    found = _offsets(combined_taps(blocks, axis=1))
+    found = _offsets(combine_taps(blocks, axis=1))
     return _mean_seen(found[0]), _mean_seen(found[1])
 
 
@@ -131,7 +131,7 @@ def _rates(value: Complexes, column: int, sums: int) -> float:
     one = value[:, column]
     one = one[np.isfinite(one).all(axis=1)]
     blocks = one[: len(one) // sums * sums].reshape(-1, sums, 3)
-    code, phase = _offsets(combined_taps(blocks, axis=1))
+    code, phase = _offsets(combine_taps(blocks, axis=1))
     return float(np.mean((np.abs(code) > T1) | (np.abs(phase) > T2))) if len(blocks) else float("nan")
 
 

@@ -12,7 +12,7 @@ from skyproof.formats.rinex_nav import read_nav
 from skyproof.formats.rinex_obs_read import read_obs
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.navigation.fix import fix
-from skyproof.studies.code_signals import code_positioning_signals
+from skyproof.studies.code_signals import select_code_signals
 from skyproof.studies.position_filter import FilterSettings, step
 
 pytestmark = pytest.mark.shared_data
@@ -33,7 +33,7 @@ STATIONS = {
 def station(shared_data, name, systems):
     observations, navigation, truth = STATIONS[name]
     seen = read_obs(shared_data / "real" / observations).observations
-    signals = tuple(s for s in code_positioning_signals(seen) if s.sat[0] in systems)
+    signals = tuple(s for s in select_code_signals(seen) if s.sat[0] in systems)
     assert {s.sat[0] for s in signals} == set(systems)
     return seen, read_nav(shared_data / "real" / navigation), signals, np.array(truth)
 
@@ -99,7 +99,7 @@ def test_more_systems_do_not_worsen_the_station(shared_data):
 def test_a_car_that_comes_back_is_found_at_its_old_place(shared_data):
     seen = read_obs(shared_data / "real" / "rinex-mosaic-5km/SEPT265G.21O").observations
     nav = read_nav(shared_data / "real" / "rinex-mosaic-5km/SEPT2650.21P")
-    signals = tuple(s for s in code_positioning_signals(seen) if s.sat[0] in "GE")
+    signals = tuple(s for s in select_code_signals(seen) if s.sat[0] in "GE")
     found, _ = step(None, seen, nav, settings=FilterSettings(elevation_mask_deg=10.0), signals=signals)
     place, speed = found.fix.position_ecef_m, np.linalg.norm(found.fix.velocity_ecef_m_s, axis=1)
     assert (found.fix.status == 0).all()

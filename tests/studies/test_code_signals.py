@@ -14,7 +14,7 @@ from skyproof.gnss.orbits import compute_satellite_state_s
 from skyproof.gnss.sky import rotate_to_reception
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.ranges import compute_atmosphere
-from skyproof.studies.code_signals import code_positioning_signals
+from skyproof.studies.code_signals import select_code_signals
 
 BASE_ECEF_M = np.array([-3817681.121, 3562839.431, 3650159.159])  # the recordings' README
 
@@ -42,14 +42,14 @@ def test_the_better_bands_signal_of_each_satellite_is_chosen():
         "R03" + cells(2e7, 2e7),
     ]
     seen = parse_obs("\n".join(lines).encode()).observations
-    assert [str(signal) for signal in code_positioning_signals(seen)] == [
+    assert [str(signal) for signal in select_code_signals(seen)] == [
         "C20 B1 2I a",
         "C21 B1C 1P a",
         "E01 E1 X a",
         "G05 L1 CA a",
         "R03 G1 CA a",
     ]
-    assert code_positioning_signals(replace(seen, pseudorange_m=np.full(seen.pseudorange_m.shape, np.nan))) == ()
+    assert select_code_signals(replace(seen, pseudorange_m=np.full(seen.pseudorange_m.shape, np.nan))) == ()
 
 
 @pytest.mark.shared_data
@@ -64,7 +64,7 @@ def test_codes_of_every_system_fit_a_place_with_their_clock(shared_data):
     seen = read_obs(folder / "base.obs", glonass_channels=get_glonass_channels(navigation)).observations
     week, tow_s = week_and_tow(seen.gpst)
     residual_m: dict[str, list[float]] = {}
-    for signal in code_positioning_signals(seen):
+    for signal in select_code_signals(seen):
         eph = navigation.best(signal.sat, seen.gpst[150])
         if eph is None:
             continue

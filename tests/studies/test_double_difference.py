@@ -6,10 +6,10 @@ from skyproof.statistics.distributions import binomial_two_sided, f_threshold
 from skyproof.studies.double_difference import (
     counting_rule,
     difference_test,
+    estimate_pooled_correlation,
     line_power,
     pair_tests,
-    pairs_rejected,
-    pooled_correlation,
+    reject_pairs,
 )
 
 
@@ -58,7 +58,7 @@ def test_correlated_noise_is_covered_by_the_pooled_coefficient(phi, most):
     # The guide's 28 single differences of 7 satellites with two tracks each; its figures 0.011 to 0.013, and 0.029.
     rng = np.random.default_rng(3)
     tracks = single_differences(rng, (1000, 28, 30, 2), phi)
-    corrected = pair_tests(tracks[:, :7], phi=pooled_correlation(tracks)).p_value
+    corrected = pair_tests(tracks[:, :7], phi=estimate_pooled_correlation(tracks)).p_value
     plain = pair_tests(tracks[:, :7]).p_value
     pairs = np.triu_indices(7, 1)
     assert np.mean(corrected[:, pairs[0], pairs[1]] < 0.01) < most
@@ -153,7 +153,7 @@ def test_the_fast_form_of_every_detector_equals_the_plain_one(tested, sigma_m):
     fast = pair_tests(sd, tested=tested, sigma_m=sigma_m)
     plain = difference_test(sd[1] - sd[3], tested=tested, sigma_m=sigma_m)
     assert fast.statistic[1, 3] == pytest.approx(float(plain.statistic), rel=1e-9)
-    rejected = pairs_rejected(sd, 0.3, tested=tested, sigma_m=sigma_m)
+    rejected = reject_pairs(sd, 0.3, tested=tested, sigma_m=sigma_m)
     np.testing.assert_array_equal(rejected, fast.p_value < 0.3)
 
 

@@ -6,11 +6,11 @@ from scipy import stats
 
 from skyproof.statistics.distributions import binomial_two_sided, f_threshold, noncentral_f_survival
 from skyproof.studies.group_choice import (
+    check_known_baseline,
+    check_known_sky,
     choose,
+    find_lone_sky,
     fraction_test,
-    known_baseline_test,
-    known_sky_test,
-    lone_sky,
     pairings,
     span_test,
     split_skies,
@@ -118,9 +118,9 @@ def test_the_sky_is_seen_at_a_fraction_of_the_averages_noise():
 @pytest.mark.parametrize("baseline", [BASELINE, 0.1 * BASELINE])
 def test_with_the_baseline_known_the_rate_is_kept(baseline):
     false, sky = tables(np.random.default_rng(3), 40_000, baseline)
-    p_value = known_baseline_test(false, sky, UNITS, baseline)
+    p_value = check_known_baseline(false, sky, UNITS, baseline)
     assert 0.007 < np.mean(p_value < 0.01) < 0.0115
-    shared = known_baseline_test(*tables(np.random.default_rng(3), 40_000, baseline, shared_m=30.0), UNITS, baseline)
+    shared = check_known_baseline(*tables(np.random.default_rng(3), 40_000, baseline, shared_m=30.0), UNITS, baseline)
     assert np.mean(shared < 0.01) < 0.004
 
 
@@ -128,7 +128,7 @@ def test_with_a_known_baseline_only_the_reversed_side_counts():
     false = tables(np.random.default_rng(35), 5000, BASELINE, 10.0)[0]
     farther = tables(np.random.default_rng(36), 5000, 2.0 * BASELINE, 10.0)[1]
     nearer = tables(np.random.default_rng(37), 5000, 0.0, 10.0)[1]
-    far, near = (np.mean(known_baseline_test(false, table, UNITS, BASELINE) < 0.01) for table in (farther, nearer))
+    far, near = (np.mean(check_known_baseline(false, table, UNITS, BASELINE) < 0.01) for table in (farther, nearer))
     assert far < 0.01
     assert near > 5.0 * far
 
@@ -136,10 +136,10 @@ def test_with_a_known_baseline_only_the_reversed_side_counts():
 def test_with_the_baseline_known_shorter_ones_are_seen():
     baseline = 0.25 * BASELINE  # 5 m
     false, sky = tables(np.random.default_rng(4), 5000, baseline, 2.0 / np.sqrt(30.0))
-    assert np.mean(known_baseline_test(sky, false, UNITS, baseline) < 1e-3) > 0.999
+    assert np.mean(check_known_baseline(sky, false, UNITS, baseline) < 1e-3) > 0.999
     assert np.mean(span_test(sky, false, UNITS).p_value < 1e-3) > 0.999
     false, sky = tables(np.random.default_rng(4), 5000, 0.5 * baseline, 2.0 / np.sqrt(30.0))
-    assert np.mean(known_baseline_test(sky, false, UNITS, 0.5 * baseline) < 1e-3) > 0.99
+    assert np.mean(check_known_baseline(sky, false, UNITS, 0.5 * baseline) < 1e-3) > 0.99
     assert np.mean(span_test(sky, false, UNITS).p_value < 1e-3) < 0.9
 
 
@@ -150,13 +150,13 @@ def test_mixed_pairings_are_rejected_on_the_transmitters_line():
         false = rng.standard_normal((500, 7, 2)) + (UNITS @ where)[:, None] + np.array([900.0, 920.0])
         mixed, other = (np.stack([a[..., 0], b[..., 1]], axis=-1) for a, b in ((sky, false), (false, sky)))
         for item, complement in ((mixed, other), (other, mixed)):
-            assert np.all(known_baseline_test(item, complement, UNITS, BASELINE) < 1e-3)
+            assert np.all(check_known_baseline(item, complement, UNITS, BASELINE) < 1e-3)
             assert np.all(span_test(item, complement, UNITS).p_value < 1e-3)
 
 
 def test_no_baseline_cannot_tell():
     false, sky = tables(np.random.default_rng(6), 5, np.zeros((1, 3)))
-    assert np.all(known_baseline_test(false, sky, UNITS, np.zeros((1, 3))) == 1.0)
+    assert np.all(check_known_baseline(false, sky, UNITS, np.zeros((1, 3))) == 1.0)
 
 
 # Skies
@@ -196,11 +196,11 @@ def two_antennas(rng, trials):
 
 def test_beside_two_transmit_antennas_the_true_sky_fits():
     means_m = two_antennas(np.random.default_rng(11), 500)
-    found = lone_sky(np.swapaxes(means_m, 1, 2), UNITS)
+    found = find_lone_sky(np.swapaxes(means_m, 1, 2), UNITS)
     assert np.all(found.first == 0)
     sky = means_m[..., 0]
-    assert well_calibrated(known_sky_test(sky, UNITS, BASELINE, 1.0 / 30.0))
-    assert np.all(known_sky_test(means_m[..., 1], UNITS, BASELINE, 1.0 / 30.0) < 1e-6)
+    assert well_calibrated(check_known_sky(sky, UNITS, BASELINE, 1.0 / 30.0))
+    assert np.all(check_known_sky(means_m[..., 1], UNITS, BASELINE, 1.0 / 30.0) < 1e-6)
 
 
 def test_two_transmit_antennas_are_counted_and_sorted():
@@ -286,5 +286,5 @@ def test_p_values_of_fractions_are_uniform():
 @pytest.mark.parametrize("level", [1e-2, 1e-3, 1e-4])
 def test_the_test_over_a_known_baseline_is_hardly_conservative(level):
     false, sky = tables(np.random.default_rng(22), 1_000_000, BASELINE)
-    p_value = known_baseline_test(false, sky, UNITS, BASELINE)
+    p_value = check_known_baseline(false, sky, UNITS, BASELINE)
     assert 0.6 < np.mean(p_value < level) / level < 1.0 + 4.0 / np.sqrt(level * p_value.size)

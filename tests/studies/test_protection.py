@@ -18,15 +18,15 @@ from skyproof.simulator.scenes import load_ready_made, read_ready_made
 from skyproof.simulator.sky import make_scene
 from skyproof.studies.base import StudySettings
 from skyproof.studies.protection import cell, clean, items, matrix
-from skyproof.studies.protection.cell import LONGEST_S, rows_of, stretch_of
-from skyproof.studies.protection.equipment import APART_M, EQUIPMENT, equipped
+from skyproof.studies.protection.cell import LONGEST_S, cut_scene, make_rows
+from skyproof.studies.protection.equipment import APART_M, EQUIPMENT, equip
 from skyproof.studies.protection.errors import STANFORD, FixErrors, fix_errors, protection_columns, stanford_rows
 from skyproof.studies.protection.score import false_labels, onset_s, true_labels
 
 
 @pytest.mark.parametrize("name", load_ready_made())
 def test_a_stretch_is_a_writable_scene_with_the_onset(name):
-    made = stretch_of(read_ready_made(name))
+    made = cut_scene(read_ready_made(name))
     assert made.duration_s <= LONGEST_S
     again = parse_scenario(made.model_dump(exclude_none=True))
     assert again.duration_s == made.duration_s
@@ -40,7 +40,7 @@ def test_a_stretch_is_a_writable_scene_with_the_onset(name):
 @pytest.mark.parametrize("equipment", EQUIPMENT)
 def test_every_equipment_stands_at_the_first_receiver(equipment):
     scenario = read_ready_made("takeover").model_copy(update={"duration_s": 16.0})
-    found = equipped(scenario, equipment)
+    found = equip(scenario, equipment)
     assert found is not None
     scene = make_scene(found.scenario, make_navigation(found.scenario))
     places = [sky.point(np.zeros(1)).position_ecef_m[0] for sky in scene.skies]
@@ -56,9 +56,9 @@ def test_every_equipment_stands_at_the_first_receiver(equipment):
 
 
 def test_moving_scenes_do_not_state_that_they_stand():
-    assert equipped(read_ready_made("texbat-like-5"), "standing") is None
-    assert equipped(read_ready_made("las-vegas"), "second receiver at 20 m") is None
-    assert equipped(read_ready_made("las-vegas"), "everything") is not None
+    assert equip(read_ready_made("texbat-like-5"), "standing") is None
+    assert equip(read_ready_made("las-vegas"), "second receiver at 20 m") is None
+    assert equip(read_ready_made("las-vegas"), "everything") is not None
 
 
 @pytest.fixture(scope="module")
@@ -189,20 +189,20 @@ def quick_scenario():
 
 @pytest.mark.long
 def test_the_first_antenna_of_an_array_receives_as_a_single(tmp_path):
-    one, three = rows_of(quick_scenario(), ("one receiver", "three antennas"), tmp_path)
+    one, three = make_rows(quick_scenario(), ("one receiver", "three antennas"), tmp_path)
     assert (one["equipment"], three["equipment"]) == ("one receiver", "three antennas")
     assert len(list(tmp_path.glob("*.bin"))) == 3
     assert one["wrong_fixes"] == three["wrong_fixes"] == 0
     alone = tmp_path / "alone"
     alone.mkdir()
-    (again,) = rows_of(quick_scenario(), ("one receiver",), alone)
+    (again,) = make_rows(quick_scenario(), ("one receiver",), alone)
     assert {**again, "seconds": 0.0} == {**one, "seconds": 0.0}
 
 
 def test_equipment_with_an_extra_antenna_needs_own_samples(tmp_path, monkeypatch):
     monkeypatch.setattr(cell, "write_samples", lambda scene, folder, container: [folder] * len(scene.skies))
     with pytest.raises(ValueError, match=r"at 20 m: .*\bantenna\b"):
-        rows_of(quick_scenario(), ("second receiver at 20 m", "three antennas"), tmp_path)
+        make_rows(quick_scenario(), ("second receiver at 20 m", "three antennas"), tmp_path)
 
 
 @pytest.mark.long
@@ -257,6 +257,6 @@ def test_clean_hours_add_up_and_false_alarms_bound_their_rate(tmp_path, monkeypa
 @pytest.mark.parametrize("equipments", [("one receiver",), ("three antennas",)])
 def test_reflections_far_larger_than_stated_are_no_attack(equipments, tmp_path):
     """Four reflections of up to 190 m of a receiver that drives in a circle: its position jumps by 50 m and back."""
-    (row,) = rows_of(clean.clean_sky(1, 47), equipments, tmp_path)
+    (row,) = make_rows(clean.clean_sky(1, 47), equipments, tmp_path)
     assert row["verdict"] == "suspect"
     assert (row["false_alarms"], row["wrong_labels"], row["wrong_fixes"]) == (0, 0, 0)

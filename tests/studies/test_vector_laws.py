@@ -103,8 +103,8 @@ def test_leading_axes_give_what_single_calls_give():
 def test_the_sign_of_a_data_bit_is_wiped():
     taps = draw_taps(np.random.default_rng(2), (7, 20, 6), 12.0, 0.1, 0.2)
     bits = np.where(np.arange(20) % 3 == 0, -1.0, 1.0)[:, None, None]
-    np.testing.assert_array_equal(laws.combined_taps(taps * bits, axis=1), laws.combined_taps(taps, axis=1))
-    assert laws.combined_taps(taps, axis=1).shape == (7, 6, 3)
+    np.testing.assert_array_equal(laws.combine_taps(taps * bits, axis=1), laws.combine_taps(taps, axis=1))
+    assert laws.combine_taps(taps, axis=1).shape == (7, 6, 3)
 
 
 @pytest.mark.parametrize("amplitude", [2.0, 4.472, 14.14, 60.0])

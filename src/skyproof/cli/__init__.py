@@ -20,9 +20,9 @@ from itertools import pairwise
 from cyclopts import App, CycloptsError, Parameter
 
 from skyproof.cli.screen import complain
-from skyproof.cli.usage import usage_words
+from skyproof.cli.usage import describe_usage
 from skyproof.errors import SettingsError, SkyproofError
-from skyproof.interruption import ENDING, Stopped, came, interrupted_code, listening
+from skyproof.interruption import ENDING, Stopped, get_exit_code, has_come, listen
 
 __all__ = ["app", "main"]
 
@@ -144,7 +144,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # fifty times as long as the work takes; what is worth sharing out is shared out by satellite.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _open_streams()
-    with listening(*ENDING):
+    with listen(*ENDING):
         return _run(tokens)
 
 
@@ -155,15 +155,15 @@ def _run(tokens: Sequence[str]) -> int:
         sys.stdout.flush()
         return result if isinstance(result, int) else 0
     except SystemExit:  # so Rich ends where who reads standard output is gone; 1 would say "spoofed"
-        return interrupted_code() if came() else BROKEN_PIPE
+        return get_exit_code() if has_come() else BROKEN_PIPE
     except KeyboardInterrupt as interruption:
         complain(str(interruption) or "interrupted before there was a result")
-        return interrupted_code()
+        return get_exit_code()
     except Stopped as stop:
         complain(f"interrupted a second time: {str(stop) or 'ended at once, nothing further was written'}")
-        return interrupted_code()
+        return get_exit_code()
     except Exception as error:
-        if (code := _unwritten(error)) is not None:
+        if (code := _code_if_unwritten(error)) is not None:
             return code
         if "--debug" in tokens:
             traceback.print_exc()
@@ -213,12 +213,12 @@ def _open_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def _unwritten(error: Exception) -> int | None:
+def _code_if_unwritten(error: Exception) -> int | None:
     """The exit code if standard output could not be written; files that cannot raise an error of ours."""
     if not isinstance(error, OSError) or error.filename is not None or error.errno not in _UNWRITTEN:
         return None
-    if came():  # the terminal is gone with the connection, or who reads has ended with us
-        return interrupted_code()
+    if has_come():  # the terminal is gone with the connection, or who reads has ended with us
+        return get_exit_code()
     if isinstance(error, BrokenPipeError):
         return BROKEN_PIPE  # who reads has read enough
     complain(f"standard output cannot be written ({error.strerror}); files that were to be written are whole")
@@ -238,7 +238,7 @@ def _words_of(error: Exception) -> str:
     if isinstance(error, SkyproofError):
         return str(error)
     if isinstance(error, CycloptsError):
-        return usage_words(error)
+        return describe_usage(error)
     return (
         f"unexpected {type(error).__name__}: {error}. This is a fault of skyproof, not of the input: run the command "
         "again with --debug and report what it prints, with what `skyproof --version` prints"

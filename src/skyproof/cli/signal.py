@@ -39,7 +39,7 @@ def show_inspection(console: Console, inspection: "Inspection") -> None:
     console.print()
     console.print(_facts(inspection))
     console.print()
-    console.print(_measured(inspection, width - _LABEL - 1))
+    console.print(_tabulate_measured(inspection, width - _LABEL - 1))
     if inspection.satellites:
         console.print()
         print_table(console, _satellites(inspection, width))
@@ -90,7 +90,7 @@ def _facts(inspection: "Inspection") -> Table:
     """How it is read, and where that comes from."""
     samples, sources = inspection.samples, inspection.sources
     kind = "real" if inspection.front_end.real else "complex"
-    numbers = samples.format if inspection.layout is None else numbers_of(inspection.layout)
+    numbers = samples.format if inspection.layout is None else describe_numbers(inspection.layout)
     start = "unknown" if samples.start_gpst is None else f"{str(samples.start_gpst)[:19].replace('T', ' ')} GPS time"
     rows = [
         ("format", f"{kind}, {numbers}", "encoding"),
@@ -105,11 +105,11 @@ def _facts(inspection: "Inspection") -> Table:
     for name, value, key in rows:
         grid.add_row(name, value, sources.get(key, ""))
     if inspection.proposals:
-        grid.add_row("guessed", *_guessed(inspection))
+        grid.add_row("guessed", *_describe_guess(inspection))
     return grid
 
 
-def _guessed(inspection: "Inspection") -> tuple[str, str]:
+def _describe_guess(inspection: "Inspection") -> tuple[str, str]:
     taken = inspection.proposals[inspection.taken]
     others = [one for number, one in enumerate(inspection.proposals) if number != inspection.taken and one.satellites]
     rival = max(others, key=lambda one: one.power, default=None)
@@ -117,10 +117,10 @@ def _guessed(inspection: "Inspection") -> tuple[str, str]:
     if rival is None:
         return shown, "no other reading shows any"
     less_db = 10.0 * math.log10(taken.power / rival.power) if taken.power and rival.power else math.inf
-    return shown, f"next: {numbers_of(rival.layout)}, {rival.layout.kind}, {less_db:.1f} dB less"
+    return shown, f"next: {describe_numbers(rival.layout)}, {rival.layout.kind}, {less_db:.1f} dB less"
 
 
-def numbers_of(layout: "SampleLayout") -> str:
+def describe_numbers(layout: "SampleLayout") -> str:
     """The numbers in words."""
     packing = layout.packing
     order = layout.byte_order if packing.orders_bytes else layout.bit_order if packing.orders_bits else ""
@@ -139,7 +139,7 @@ def _proposals(proposals: "Sequence[Proposal]") -> Table:
     for number, one in enumerate(proposals, 1):
         found = (f"{one.layout.rate_hz / 1e6:.10g}", str(len(one.satellites)), f"10^{one.log10_chance:.0f}")
         rows.add_row(
-            str(number), one.layout.kind, numbers_of(one.layout), *(found if one.satellites else ("?", "0", ""))
+            str(number), one.layout.kind, describe_numbers(one.layout), *(found if one.satellites else ("?", "0", ""))
         )
     return rows
 
@@ -147,7 +147,7 @@ def _proposals(proposals: "Sequence[Proposal]") -> Table:
 # --- measurements
 
 
-def _measured(inspection: "Inspection", width: int) -> Table:
+def _tabulate_measured(inspection: "Inspection", width: int) -> Table:
     front, survey = inspection.front_end, inspection.survey
     grid = _grid()
     grid.add_column(max_width=width)

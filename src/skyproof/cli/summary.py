@@ -8,7 +8,7 @@ from rich.table import Table
 from skyproof.cli.screen import complain, print_document, print_path, print_table, table, words
 from skyproof.formats.verdict import write_verdict_json
 from skyproof.gnss.time import format_utc
-from skyproof.report.summary import explained
+from skyproof.report.summary import list_explanations
 from skyproof.report.what_now import what_now
 from skyproof.report.words import angle_words, leap_words, uses_minutes
 from skyproof.verdict import Verdict, list_possible_places, write_word
@@ -53,7 +53,7 @@ def _print_summary(verdict: Verdict) -> None:
     console.print(words(verdict.summary))
     if verdict.since_gpst is not None:
         console.print(words(verdict.onset_words))
-    for heading, text in explained(verdict):
+    for heading, text in list_explanations(verdict):
         console.print(words(f"{heading} {text}"))
     starts = [receiver.start_gpst for receiver in verdict.receivers if receiver.start_gpst is not None]
     if starts:

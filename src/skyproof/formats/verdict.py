@@ -50,7 +50,9 @@ def read_verdict(path: str | os.PathLike[str]) -> Verdict:
     try:
         return Verdict.model_validate_json(text, strict=True)
     except ValidationError as error:
-        faults = describe_first(error.errors(include_url=False), lambda fault: describe_fault(_place(fault["loc"]), fault))
+        faults = describe_first(
+            error.errors(include_url=False), lambda fault: describe_fault(_place(fault["loc"]), fault)
+        )
         raise InputError(
             f"{name} is not a {VERDICT_FORMAT} document: {'; '.join(faults)}. "
             "Let skyproof write it again, or compare it with the published schema, verdict.schema.json"

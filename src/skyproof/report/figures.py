@@ -138,18 +138,18 @@ def _origins(pictures: Pictures) -> list[Figure]:
     zero = format_clock(pictures.zero_gpst)
     return [
         Figure(
-            f"Source of the position of {shown_origins.receiver}",
+            f"Source of the position of {track.receiver}",
             takeover.plot_origins(
-                shown_origins,
-                title=f"Source of the position of {shown_origins.receiver} and error of an ordinary receiver over time",
+                track,
+                title=f"Source of the position of {track.receiver} and error of an ordinary receiver over time",
                 zero=zero,
                 onset_s=pictures.onset_s,
                 until_s=pictures.until_s,
             ),
             "Line: distance between the unprotected and the usable position. Bar: source of the usable position "
-            f"({'; '.join(ORIGINS[kind] for kind in ORIGINS if kind in _kinds(shown_origins))}); a gap where there is none.",
+            f"({'; '.join(ORIGINS[kind] for kind in ORIGINS if kind in _kinds(track))}); a gap where there is none.",
         )
-        for shown_origins in pictures.origins
+        for track in pictures.origins
     ]
 
 

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 from skyproof.gnss.time import format_clock, format_instant, format_moment, format_utc
 from skyproof.records import LABELS
-from skyproof.report.evidence import by_chance, quoted, strongest
-from skyproof.report.positions import away_words, within_m
-from skyproof.report.what_now import ended, what_now
-from skyproof.report.words import distance_words, in_minutes, number_words, place_words, rate_words
+from skyproof.report.evidence import describe_chance, find_strongest, quote
+from skyproof.report.positions import describe_distance, within_m
+from skyproof.report.what_now import has_lost_fix, what_now
+from skyproof.report.words import distance_words, number_words, place_words, rate_words, uses_minutes
 from skyproof.verdict import InterferenceSpell, Place, Position, ReceiverResult, Signal, UsableKind, Verdict
 
-__all__ = ["Fact", "counts", "explained", "facts", "how_sure", "scope"]
+__all__ = ["Fact", "count_labels", "describe_certainty", "list_explanations", "list_facts", "scope"]
 
 MOST_NAMED_ABOVE = 3  # receivers at the top of the page; the table below has all
 SURE = "95\N{NO-BREAK SPACE}%"
@@ -31,7 +31,7 @@ class Fact:
     kind: str = ""
 
 
-def explained(verdict: Verdict) -> list[tuple[str, str]]:
+def list_explanations(verdict: Verdict) -> list[tuple[str, str]]:
     """Return headings and words below the answers, with the assumptions; the remedy is part of what to do."""
     assumed = [("Assumed:", verdict.assumed.removeprefix("Assumed: "))] if verdict.assumed is not None else []
     return [*((name, words) for name, words in verdict.explained if words != verdict.remedy), *assumed]
@@ -48,24 +48,29 @@ def scope(verdict: Verdict) -> str:
     return ", ".join([*parts, f"{number_words(longest_s)} s"]) if longest_s else ", ".join(parts)
 
 
-def facts(verdict: Verdict) -> list[Fact]:
+def list_facts(verdict: Verdict) -> list[Fact]:
     """Answers, the most urgent first."""
-    found = [_when(verdict)] if verdict.verdict in ("spoofed", "suspect") else []
+    found = [_describe_onset(verdict)] if verdict.verdict in ("spoofed", "suspect") else []
     if verdict.interference.spells:
-        found.append(Fact("Interference", _few([_interference(spell) for spell in verdict.interference.spells])))
+        found.append(
+            Fact("Interference", _few([_describe_interference(spell) for spell in verdict.interference.spells]))
+        )
     usable = [(r, *r.usable) for r in verdict.receivers if r.usable is not None]
     false = [(r, r.false_fix) for r in verdict.receivers if r.false_fix is not None]
     skies = [
-        (_place(verdict, source.shows), _at(f"{source.name}, {len(source.sats)} satellites", source.shows_gpst))
+        (
+            _place(verdict, source.shows),
+            _append_instant(f"{source.name}, {len(source.sats)} satellites", source.shows_gpst),
+        )
         for source in verdict.sources
         if source.shows is not None
     ]
     open_still = len(skies) > 1 and not false
     if usable:
         proven = all(kind == "trusted" for _, kind, _ in usable)
-        lines = [_usable(verdict, r, kind, fix) for r, kind, fix in usable]
+        lines = [_describe_usable(verdict, r, kind, fix) for r, kind, fix in usable]
         name = "True position" if proven else "Usable position"
-        if all(ended(r) for r, _, _ in usable):
+        if all(has_lost_fix(r) for r, _, _ in usable):
             name = f"Last {name[:1].lower()}{name[1:]}"
         found.append(Fact(name, _few(lines), "authentic" if proven else ""))
         if open_still:
@@ -82,7 +87,7 @@ def facts(verdict: Verdict) -> list[Fact]:
     return [Fact("What to do now", what_now(verdict), "now"), *found]
 
 
-def _interference(spell: InterferenceSpell) -> tuple[str, str]:
+def _describe_interference(spell: InterferenceSpell) -> tuple[str, str]:
     """Since when, and how much where."""
     until = "" if spell.until_gpst is None else f" to {format_instant(spell.until_gpst)[11:]}"
     shade = "; shading of the whole antenna would look the same" if spell.may_also_be else ""
@@ -91,26 +96,26 @@ def _interference(spell: InterferenceSpell) -> tuple[str, str]:
 
 
 def _place(verdict: Verdict, place: Place | Position) -> str:
-    return place_words(place.lat_deg, place.lon_deg, 5, minutes=in_minutes(verdict))
+    return place_words(place.lat_deg, place.lon_deg, 5, minutes=uses_minutes(verdict))
 
 
-def _at(words: str, gpst: str | None) -> str:
+def _append_instant(words: str, gpst: str | None) -> str:
     """Words with an instant behind them, by both clocks."""
     return words if gpst is None else f"{words}, at {format_clock(gpst)}"
 
 
-def _usable(verdict: Verdict, receiver: ReceiverResult, kind: UsableKind, fix: Position) -> tuple[str, str]:
+def _describe_usable(verdict: Verdict, receiver: ReceiverResult, kind: UsableKind, fix: Position) -> tuple[str, str]:
     """A receiver's last fix that may be used; that it is not later where others are."""
-    later = " and not later" if ended(receiver) else ""
+    later = " and not later" if has_lost_fix(receiver) else ""
     how = "" if kind == "trusted" else f", {SHORT_OF[kind]}"
     within = f"within {distance_words(within_m(fix))} horizontally ({SURE})"
     hidden = f"; an attack may have moved it by up to {distance_words(fix.hidden_m)} unnoticed" if fix.hidden_m else ""
-    return _place(verdict, fix), f"{_at(receiver.name, fix.gpst)}{later}{how}, {within}{hidden}"
+    return _place(verdict, fix), f"{_append_instant(receiver.name, fix.gpst)}{later}{how}, {within}{hidden}"
 
 
 def _false_words(receiver: ReceiverResult, fix: Position) -> str:
-    away = away_words(receiver, fix)
-    return _at(receiver.name + (f" seems {away}" if away else ""), fix.gpst)
+    away = describe_distance(receiver, fix)
+    return _append_instant(receiver.name + (f" seems {away}" if away else ""), fix.gpst)
 
 
 def _few(lines: list[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
@@ -118,7 +123,7 @@ def _few(lines: list[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
     return (*lines[:MOST_NAMED_ABOVE], *([("", f"and {more} more, in the table below")] if more > 0 else []))
 
 
-def _when(verdict: Verdict) -> Fact:
+def _describe_onset(verdict: Verdict) -> Fact:
     name, kind, sigma_s = f"{verdict.verdict.capitalize()} since", verdict.verdict, verdict.since_sigma_s
     if verdict.since_gpst is None:
         return Fact(name, (("Not known", ""),), kind)
@@ -136,24 +141,24 @@ def _unprotected_words(verdict: Verdict) -> str:
     if not shown:
         return "no position could be computed"
     r, fix = shown[0]
-    return _at(f"without protection {r.name} shows {_place(verdict, fix)}", fix.gpst)
+    return _append_instant(f"without protection {r.name} shows {_place(verdict, fix)}", fix.gpst)
 
 
-def how_sure(verdict: Verdict) -> list[str]:
+def describe_certainty(verdict: Verdict) -> list[str]:
     """Sentences on how far the verdict can be relied on."""
     allowed = verdict.false_alarm_probability_per_hour
     sentences = [
         f"Clean signals are called spoofed at most {rate_words(allowed)} (false-alarm probability set to "
         f"{allowed:g} per hour)."
     ]
-    best = strongest(verdict)
+    best = find_strongest(verdict)
     if best is not None and best.p_value is not None:
         sentences.append(
-            f"The strongest evidence comes from {quoted(best.detector)}: {by_chance(best.decision, best.p_value)}"
+            f"The strongest evidence comes from {quote(best.detector)}: {describe_chance(best.decision, best.p_value)}"
         )
-    by_label = counts(verdict.signals)
+    by_label = count_labels(verdict.signals)
     count = len({(s.receiver, s.sat, s.band, s.code, s.copy) for s in verdict.signals})
-    changing = len(_labels(verdict.signals)) - count
+    changing = len(_collect_labels(verdict.signals)) - count
     twice = f"; the label of {changing} changed" if changing else ""
     sentences.append(
         f"{count} signal{'s' * (count != 1)} received: {by_label}{twice}." if by_label else "No signals were received."
@@ -161,13 +166,13 @@ def how_sure(verdict: Verdict) -> list[str]:
     return sentences
 
 
-def counts(signals: tuple[Signal, ...] | list[Signal]) -> str:
+def count_labels(signals: tuple[Signal, ...] | list[Signal]) -> str:
     """How many carry which label; a signal may carry one label after another."""
-    labels = _labels(signals)
+    labels = _collect_labels(signals)
     counts = {label: sum(x[-1] == label for x in labels) for label in LABELS}
     return ", ".join(f"{count} {label}" for label, count in counts.items() if count)
 
 
-def _labels(signals: tuple[Signal, ...] | list[Signal]) -> set[tuple[str, ...]]:
+def _collect_labels(signals: tuple[Signal, ...] | list[Signal]) -> set[tuple[str, ...]]:
     """Each signal with each label that it carries, once."""
     return {(s.receiver, s.sat, s.band, s.code, str(s.copy), s.label) for s in signals}

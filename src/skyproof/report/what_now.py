@@ -3,11 +3,11 @@
 from enum import StrEnum
 
 from skyproof.gnss.time import format_clock
-from skyproof.report.positions import away_words, led_away_m
+from skyproof.report.positions import describe_distance, misled_by_m
 from skyproof.report.words import seconds_apart, seconds_words
 from skyproof.verdict import USABLE, ReceiverResult, Verdict
 
-__all__ = ["LATE_S", "Advice", "ended", "what_now"]
+__all__ = ["LATE_S", "Advice", "has_lost_fix", "what_now"]
 
 LATE_S = 3.0  # between a receiver's last fix that may be used and its last of all, from which on it is said
 OTHER_MEANS = "navigate by other means (inertia, radar, landmarks, a local clock)"
@@ -34,7 +34,8 @@ def what_now(verdict: Verdict) -> tuple[tuple[Advice, str], ...]:
         return ((Advice.NOTHING, "use position and time as usual; this holds while the assumptions below hold"),)
     remedy = () if verdict.remedy is None else (verdict.remedy,)
     lasting = {
-        kind: [r for r in verdict.receivers if r.usable and r.usable[0] == kind and not ended(r)] for kind in USABLE
+        kind: [r for r in verdict.receivers if r.usable and r.usable[0] == kind and not has_lost_fix(r)]
+        for kind in USABLE
     }
     if verdict.verdict == "no_attack_seen":
         files = " and ".join(f"{r.name}-consistent.nmea" for r in lasting["consistent"])
@@ -54,10 +55,10 @@ def what_now(verdict: Verdict) -> tuple[tuple[Advice, str], ...]:
         lines.append((Advice.USE_NOTHING, f"{OTHER_MEANS}; the attack is on{since}"))
     usable = [r for r in verdict.receivers if r.usable is not None]
     settle = [(Advice.SETTLE, words) for words in remedy]
-    return (*lines, *([_ignore(usable, verdict)] if usable else []), *settle)
+    return (*lines, *([_warn_of_others(usable, verdict)] if usable else []), *settle)
 
 
-def ended(receiver: ReceiverResult) -> bool:
+def has_lost_fix(receiver: ReceiverResult) -> bool:
     """Whether a receiver has later fixes than its last one that may be used."""
     if receiver.usable is None:
         return False
@@ -65,12 +66,12 @@ def ended(receiver: ReceiverResult) -> bool:
     return any(o is not None and seconds_apart(o.gpst, fix.gpst) > LATE_S for o in others)
 
 
-def _ignore(usable: list[ReceiverResult], verdict: Verdict) -> tuple[Advice, str]:
+def _warn_of_others(usable: list[ReceiverResult], verdict: Verdict) -> tuple[Advice, str]:
     """Whether an ordinary receiver is led away: by the one that is led farthest."""
-    r = max(usable, key=led_away_m)
-    if not led_away_m(r) or r.unprotected_fix is None:
+    r = max(usable, key=misled_by_m)
+    if not misled_by_m(r) or r.unprotected_fix is None:
         return Advice.DO_NOT_WAIT, "the unprotected position is still right; it can change at any time"
-    words = f"without protection {r.name} is off by {away_words(r, r.unprotected_fix)}"
+    words = f"without protection {r.name} is off by {describe_distance(r, r.unprotected_fix)}"
     offsets_s = [source.time_offset_s for source in verdict.sources if source.time_offset_s]
     if len(offsets_s) == 1:
         words += f"; the false time is {seconds_words(abs(offsets_s[0]))} {'behind' if offsets_s[0] > 0.0 else 'ahead'}"

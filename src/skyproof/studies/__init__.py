@@ -12,7 +12,7 @@ _PAPERS = ("multi_receiver", "dccaf", "inverse_raim", "vector_sqm", "ins_array",
 
 
 def studies() -> dict[str, Study]:
-    """Every study by its name, paper by paper, in the order of each module's `STUDIES`.
+    """Collect every study by its name, paper by paper, in the order of each module's `STUDIES`.
 
     Raises
     ------

@@ -14,53 +14,52 @@ __all__ = [
     "arm_angles",
     "authentic_threshold",
     "circular_threshold",
+    "compare_with_prediction",
+    "detection_power",
+    "fit_pairs",
     "full_information",
-    "paired_fit",
-    "paired_information",
-    "predicted_test",
-    "spoofed_detection",
+    "pair_information",
 ]
 
 
 def arm_angles(count: int, rate_rad: float, *, start_rad: float = 0.0) -> Reals:
-    """Angle (N,) of the arm at each sample, for `rate_rad` a sample."""
+    """Return the angle (N,) of the arm at each sample, for `rate_rad` a sample."""
     return np.asarray(start_rad + rate_rad * np.arange(count))
 
 
-def paired_information(angle_rad: ArrayLike, *, radius_cyc: float, sigma_cyc: float) -> Reals:
-    """H'H over the variance, (2, 2), of the paper's differences (equations 12, 19); parameters as in `paired_fit`."""
-    columns = _paired(arm_columns(angle_rad, radius_cyc).T).T
+def pair_information(angle_rad: ArrayLike, *, radius_cyc: float, sigma_cyc: float) -> Reals:
+    """Compute H'H over the variance, (2, 2), of the paper's differences (equations 12, 19)."""
+    columns = _pair_samples(arm_columns(angle_rad, radius_cyc).T).T
     return np.asarray(columns.T @ columns / (2.0 * sigma_cyc**2))
 
 
-def paired_fit(phase_cyc: ArrayLike, angle_rad: ArrayLike, *, radius_cyc: float, sigma_cyc: float) -> SpinFit:
-    """The paper's statistic (equations 10 to 17): differences of samples (0, 2), (1, 3), (4, 6), (5, 7), ...,
-    each sample used once at most.
+def fit_pairs(phase_cyc: ArrayLike, angle_rad: ArrayLike, *, radius_cyc: float, sigma_cyc: float) -> SpinFit:
+    """Compute the paper's statistic (equations 10 to 17): differences of samples (0, 2), (1, 3), ...
 
     Parameters
     ----------
     phase_cyc : (..., N) difference of two signals, motion removed. angle_rad : (N,).
     sigma_cyc : of a sample of the series; for a difference of two signals sqrt(2) times that of one.
     """
-    columns = _paired(arm_columns(angle_rad, radius_cyc).T).T
-    return fit_columns(_paired(np.asarray(phase_cyc, np.float64)), columns, 2.0 * sigma_cyc**2)
+    columns = _pair_samples(arm_columns(angle_rad, radius_cyc).T).T
+    return fit_columns(_pair_samples(np.asarray(phase_cyc, np.float64)), columns, 2.0 * sigma_cyc**2)
 
 
 def authentic_threshold(false_alarm_probability: ArrayLike, noncentrality: ArrayLike) -> Reals:
-    """The paper's threshold (equation 16): a pair known to be apart by `noncentrality` stays below it with this chance.
+    """Compute the paper's threshold (16): a pair apart by `noncentrality` stays below with this chance.
 
     The paper calls pairs below the threshold spoofed. Its false alarm is an authentic pair that is called so.
     """
     return np.asarray(special.chndtrix(false_alarm_probability, 2, noncentrality), np.float64)
 
 
-def spoofed_detection(threshold: ArrayLike) -> Reals:
-    """The chance that a pair from one direction is below the threshold (equation 18 as it has to be read)."""
+def detection_power(threshold: ArrayLike) -> Reals:
+    """Compute the chance that a pair from one direction is below the threshold (corrected equation 18)."""
     return np.asarray(-np.expm1(-0.5 * np.asarray(threshold, np.float64)))
 
 
 def circular_threshold(false_alarm_probability: float) -> float:
-    """What the paper's rule comes to if the noncentrality is the estimate from the same data, that is the statistic.
+    """Compute what the paper's rule comes to if the noncentrality is estimated from the same data.
 
     "T below the threshold that belongs to T" is "T below this", whatever the samples, the radius and the rate:
     0.0203 at 0.01, and spoofed pairs are then found with a probability of 0.0101.
@@ -71,7 +70,7 @@ def circular_threshold(false_alarm_probability: float) -> float:
 def full_information(
     angle_rad: ArrayLike, *, radius_cyc: float, sigma_cyc: float, degree: int = 2, time: ArrayLike | None = None
 ) -> Reals:
-    """Information (2, 2) of the whole series less a polynomial; parameters as in `fit_whole_series`."""
+    """Compute the information (2, 2) of the whole series less a polynomial; parameters as in `full_fit`."""
     columns = arm_columns(angle_rad, radius_cyc)
     polynomial = polynomial_columns(columns.shape[0], degree, time)
     columns = columns - polynomial @ (polynomial.T @ columns)
@@ -87,10 +86,10 @@ class PredictedTest(NamedTuple):
     start_rad: Reals
 
 
-def predicted_test(
+def compare_with_prediction(
     level: ArrayLike, predicted: ArrayLike, information: ArrayLike, *, start_known: bool = True
 ) -> PredictedTest:
-    """Do n signals come from their predicted directions, up to what is common to all and, if not known, a rotation?
+    """Test whether n signals come from their predicted directions, up to a common part and a rotation.
 
     Parameters
     ----------
@@ -98,8 +97,8 @@ def predicted_test(
         zero, or with `start_known` False from anywhere.
     information : (2, 2) of one signal.
     """
-    seen = _centred(np.asarray(level, np.float64))
-    meant = _centred(np.asarray(predicted, np.float64))
+    seen = _centre(np.asarray(level, np.float64))
+    meant = _centre(np.asarray(predicted, np.float64))
     information = np.asarray(information, np.float64)
     start = np.zeros(np.broadcast_shapes(seen.shape, meant.shape)[:-1], np.float64)
     if not start_known:
@@ -115,14 +114,14 @@ def predicted_test(
     return PredictedTest(np.sum((rest @ information) * rest, axis=(-1, -2)), dof, start)
 
 
-def _paired(series: Reals) -> Reals:
+def _pair_samples(series: Reals) -> Reals:
     """Sample k + 1 less sample k - 1 for k = 1, 2, 5, 6, 9, 10, ..., along the last axis."""
     fours = series[..., : series.shape[-1] // 4 * 4].reshape(*series.shape[:-1], -1, 4)
     return np.asarray((fours[..., 2:] - fours[..., :2]).reshape(*series.shape[:-1], -1))
 
 
-def _centred(level: Reals) -> Complexes:
-    """Vectors (..., n, 2) less their mean, as complex numbers (..., n): a rotation is a factor."""
+def _centre(level: Reals) -> Complexes:
+    """Return vectors (..., n, 2) less their mean, as complex numbers (..., n): a rotation is a factor."""
     of_plane = level[..., 0] + 1j * level[..., 1]
     return np.asarray(of_plane - of_plane.mean(axis=-1, keepdims=True), np.complex128)
 

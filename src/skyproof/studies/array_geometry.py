@@ -8,28 +8,28 @@ from skyproof.detectors.array.array_model import array_design, differences
 from skyproof.statistics.directions import mahalanobis_squared, subtract_nearest_whole
 
 __all__ = [
-    "between_signals",
     "blind_directions",
     "direction_statistic",
     "equilateral_triangle",
+    "phase_residuals",
     "regular_tetrahedron",
     "single_statistic",
-    "unexplained",
+    "subtract_first_signal",
 ]
 
 
 def equilateral_triangle(side: float) -> Reals:
-    """Elements (3, 3) of the paper's array, the second on the x axis."""
+    """Return the elements (3, 3) of the paper's array, the second on the x axis."""
     return side * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, np.sqrt(0.75), 0.0]])
 
 
 def regular_tetrahedron(side: float) -> Reals:
-    """Elements (4, 3): the triangle and a fourth one above. Its power is the same in all directions."""
+    """Return elements (4, 3): the triangle and a fourth one above. Its power is the same in all directions."""
     return np.vstack([equilateral_triangle(side), side * np.array([[0.5, np.sqrt(1 / 12), np.sqrt(2 / 3)]])])
 
 
-def unexplained(phase_cyc: ArrayLike, elements_cyc: ArrayLike, direction: ArrayLike) -> Reals:
-    """Measured minus predicted phase differences z (..., n, d), any whole cycles in them.
+def phase_residuals(phase_cyc: ArrayLike, elements_cyc: ArrayLike, direction: ArrayLike) -> Reals:
+    """Compute measured minus predicted phase differences z (..., n, d), with any whole cycles in them.
 
     Parameters
     ----------
@@ -41,8 +41,9 @@ def unexplained(phase_cyc: ArrayLike, elements_cyc: ArrayLike, direction: ArrayL
 
 
 def single_statistic(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped: bool = False) -> Reals:
-    """T (...) of one signal: chi-square with d degrees for a true one. The paper's test is that with the covariance of
-    white noise alone, not wrapped (equation 37).
+    """Compute T (...) of one signal: chi-square with d degrees for a true one.
+
+    The paper's test is that with the covariance of white noise alone, not wrapped (equation 37).
 
     Parameters
     ----------
@@ -56,8 +57,8 @@ def single_statistic(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped:
     )
 
 
-def between_signals(residual_cyc: ArrayLike, covariance: ArrayLike) -> tuple[Reals, Reals]:
-    """Residuals (..., n - 1, d) of signals against the first one and their full covariance: line biases cancel.
+def subtract_first_signal(residual_cyc: ArrayLike, covariance: ArrayLike) -> tuple[Reals, Reals]:
+    """Compute residuals (..., n - 1, d) against the first signal and their covariance: line biases cancel.
 
     `joint_statistic` of them has (n - 1) d degrees, whichever signal is first. Parameters as in `joint_statistic`;
     residuals wrapped to within half a cycle before.
@@ -70,7 +71,7 @@ def between_signals(residual_cyc: ArrayLike, covariance: ArrayLike) -> tuple[Rea
 
 
 def direction_statistic(residual_cyc: ArrayLike, covariance: ArrayLike, design: ArrayLike) -> tuple[Reals, Reals, int]:
-    """Only what an error of direction can cause, and the rest as a check of phases and whole cycles.
+    """Split residuals into what an error of direction can cause, and the rest as a check.
 
     Parameters
     ----------
@@ -94,8 +95,9 @@ def direction_statistic(residual_cyc: ArrayLike, covariance: ArrayLike, design: 
 
 
 def blind_directions(direction: ArrayLike, elements_cyc: ArrayLike, *, tolerance: float = 1e-9) -> Reals:
-    """Directions (k, 3), up and `direction` itself among them, that differ from it by whole cycles at every antenna of
-    a planar array in the x-y plane: no test of one signal and epoch can tell them apart.
+    """Find directions (k, 3) that differ from one by whole cycles at every antenna of a planar array.
+
+    Up and `direction` itself are among them; no test of one signal and epoch can tell them apart.
 
     Raises
     ------
@@ -106,18 +108,18 @@ def blind_directions(direction: ArrayLike, elements_cyc: ArrayLike, *, tolerance
         raise ValueError("blind_directions: elements must span the x-y plane, with z the same for all")
     level = np.asarray(direction, np.float64)[:2]
     # Two independent baselines give all candidates; the others must then be whole, too.
-    pair = design[_independent(design[:, :2]), :2]
+    pair = design[_select_baselines(design[:, :2]), :2]
     reach = np.ceil(2.0 * np.linalg.norm(pair, axis=-1)).astype(int)
     whole = np.stack(np.meshgrid(*(np.arange(-k, k + 1) for k in reach), indexing="ij"), axis=-1).reshape(-1, 2)
-    there = level + np.linalg.solve(pair, whole.T).T
-    others = (there - level) @ design[:, :2].T
-    squared = np.sum(there**2, axis=-1)
-    keep = (squared < 1.0) & np.all(np.abs(others - np.rint(others)) < tolerance, axis=-1)
-    return np.column_stack([there[keep], np.sqrt(1.0 - squared[keep])])
+    candidates = level + np.linalg.solve(pair, whole.T).T
+    cycles = (candidates - level) @ design[:, :2].T
+    squared = np.sum(candidates**2, axis=-1)
+    keep = (squared < 1.0) & np.all(np.abs(cycles - np.rint(cycles)) < tolerance, axis=-1)
+    return np.column_stack([candidates[keep], np.sqrt(1.0 - squared[keep])])
 
 
-def _independent(design: Reals) -> list[int]:
-    """The longest baseline and the one farthest off its line."""
+def _select_baselines(design: Reals) -> list[int]:
+    """Select the longest baseline and the one farthest off its line."""
     first = int(np.argmax(np.sum(design**2, axis=-1)))
     off = np.abs(design[:, 0] * design[first, 1] - design[:, 1] * design[first, 0])
     return [first, int(np.argmax(off))]

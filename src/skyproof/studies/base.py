@@ -41,13 +41,13 @@ class StudySettings:
     report: Callable[[int], None] = lambda done: None
 
     def count(self, usual: int, quick: int) -> int:
-        """How many trials to run."""
+        """Return how many trials to run."""
         if self.trials is not None:
             return self.trials
         return quick if self.quick else usual
 
     def rng(self, stream: int = 0) -> np.random.Generator:
-        """Random numbers of this study's; streams are apart."""
+        """Return random numbers of this study; streams are independent."""
         return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(stream,)))
 
 
@@ -77,7 +77,7 @@ class Claim:
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """name : paper.figure, as on the command line. figure : where in the paper; `run` yields rows as they are ready.
+    """name : paper.figure, as on the command line. figure : where in the paper; `run` yields each row when it is ready.
 
     platform : which key of a receiver in a platform file the study takes; None if it takes none.
     note : what holds for all its figures, for the page of validation.
@@ -95,20 +95,20 @@ class Study:
 
 
 def rows_where(rows: Sequence[Row], **where: Any) -> list[Row]:
-    """The rows with these values."""
+    """Select the rows with these values."""
     return [row for row in rows if all(row.get(key) == value for key, value in where.items())]
 
 
 def value_of(
     column: str, choose: Callable[[Sequence[float]], float] = lambda values: values[0], **where: Any
 ) -> Callable[[Sequence[Row]], float]:
-    """For a claim: from rows to one figure, which `choose` makes of a column in `rows_where`, its first if not given.
+    """Make a claim's function from rows to one figure, which `choose` makes of a column in `rows_where`.
 
     None in the column does not count; NaN if nothing is left, as in a quick run that leaves those rows out.
     """
 
-    def found(rows: Sequence[Row]) -> float:
+    def find_value(rows: Sequence[Row]) -> float:
         values = [row[column] for row in rows_where(rows, **where) if row[column] is not None]
         return float(choose(values)) if values else float("nan")
 
-    return found
+    return find_value

@@ -6,7 +6,7 @@ import numpy as np
 
 from skyproof.records import Observations, SignalId
 
-__all__ = ["code_positioning_signals"]
+__all__ = ["select_code_signals"]
 
 _PREFERRED: Final = {
     "G": (("L1", ("CA",)),),
@@ -17,8 +17,8 @@ _PREFERRED: Final = {
 }
 
 
-def code_positioning_signals(observations: Observations) -> tuple[SignalId, ...]:
-    """One signal of each satellite of GPS, QZSS (L1 C/A), Galileo (E1), BeiDou (B1I, else B1C) and GLONASS (G1 C/A).
+def select_code_signals(observations: Observations) -> tuple[SignalId, ...]:
+    """Select one signal of each satellite of GPS, QZSS, Galileo, BeiDou and GLONASS.
 
     Only signals with a pseudorange somewhere count; of several the one of a satellite with most, then the one named
     first. Several copies of a satellite's signal are not distinguished here: the first is taken.

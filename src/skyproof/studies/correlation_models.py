@@ -1,4 +1,4 @@
-"""Models of a correlation as the paper prints them and as they are, beside the one that is fitted."""
+"""Models of a correlation as the paper prints them and corrected, beside the one that is fitted."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ def model(
     coherent_s: float,
     band_hz: float,
 ) -> Complexes:
-    """What signals (..., n) of complex amplitude (phase at mid-interval) give on a grid (..., bins, taps)."""
+    """Model signals (..., n) of complex amplitude (phase at mid-interval) on a grid (..., bins, taps)."""
     lag = np.atleast_1d(taps_chips) - np.asarray(delay_chips, np.float64)[..., None]
     off = np.asarray(doppler_hz, np.float64)[..., None] - np.atleast_1d(bins_hz)
     each = np.sinc(off * coherent_s)[..., :, None] * correlation(lag, band_hz, GPS_L1_CA)[..., None, :]
@@ -30,7 +30,7 @@ def model(
 def model_as_printed(
     amplitude: ArrayLike, doppler_off_hz: ArrayLike, phase_rad: ArrayLike, coherent_s: float, *, form: str = "corrected"
 ) -> Complexes:
-    """The factor beside R of the paper's equation 4, phase at the start of the interval; form "corrected" or "paper".
+    """Compute the factor beside R of the paper's equation 4, phase at the start of the interval.
 
     In print the phase stands inside the factor pi.
     """

@@ -64,7 +64,7 @@ _BLOCKS: Final = 10
 
 
 def separation(settings: StudySettings) -> Iterator[Row]:
-    """Two signals, random phases and places between the samples: how often both are found, and how well."""
+    """Count how often two signals are both found, and how well, at random phases and places."""
     rng = settings.rng()
     for case in _SEPARATIONS:
         yield _projection(
@@ -77,7 +77,7 @@ def separation(settings: StudySettings) -> Iterator[Row]:
             for known in (True, False):
                 if settings.quick and not known:
                     continue
-                yield _swarmed(_Case(rate_hz=rate_hz), settings.count(400, 80), rng, particles, iterations, known)
+                yield _run_swarm(_Case(rate_hz=rate_hz), settings.count(400, 80), rng, particles, iterations, known)
 
 
 def _signals(n: int, separation_chip: float, rng: np.random.Generator) -> tuple[Reals, Complexes]:
@@ -116,8 +116,8 @@ def _projection(case: _Case, trials: int, rng: np.random.Generator, *, unknown_d
     return _row(method, case, found.delay_chips - delay, bound, took_s)
 
 
-def _swarmed(case: _Case, trials: int, rng: np.random.Generator, particles: int, iterations: int, known: bool) -> Row:
-    """The paper's method, on a window of one chip to both sides and, where Dopplers are unknown, five bins of 25 Hz."""
+def _run_swarm(case: _Case, trials: int, rng: np.random.Generator, particles: int, iterations: int, known: bool) -> Row:
+    """Run the paper's method on a window of one chip to both sides, with five bins of 25 Hz if needed."""
     delays, coherent_s = delay_dictionary(case.rate_hz), 1e-3 * case.coherent_ms
     variance = noise_variance(case.cn0_dbhz, coherent_s, case.rate_hz)
     delay, amplitude = _signals(trials, case.separation_chip, rng)
@@ -144,7 +144,7 @@ def _grid(
     delays: Dictionary,
     rng: np.random.Generator,
 ) -> Complexes:
-    """Grids (n, bins, taps) of signals at zero Doppler, with noise correlated over both."""
+    """Simulate grids (n, bins, taps) of signals at zero Doppler, with noise correlated over both."""
     n = len(delay)
     along = np.sum(
         amplitude[..., None] * correlation(delays.points - delay[..., None], delays.band_hz, GPS_L1_CA), axis=1
@@ -162,7 +162,7 @@ def _grid(
 
 
 def _row(method: str, case: _Case, error: Reals, bound: Reals, took_s: float) -> Row:
-    """crlb_chip is the root of the mean bound over the trials and both signals: what rms_chip can be at best."""
+    """Build a row; crlb_chip is the root of the mean bound: what rms_chip can be at best."""
     trials, n = error.shape
     return {
         "method": method,
@@ -189,7 +189,7 @@ _NEAR_ZERO: Final = 0.2
 
 
 def count(settings: StudySettings) -> Iterator[Row]:
-    """One signal: how often two are counted; and two signals: how often they are.
+    """Count how often one signal is taken for two, and two for two.
 
     noise: "thermal" is known; "other satellites" raise it by 20 % unseen; "estimated" from 100 values of the noise that
     there is, raised, which avoids that: the same correlations, judged by an estimate. second_above: how often the
@@ -201,11 +201,11 @@ def count(settings: StudySettings) -> Iterator[Row]:
         delays = delay_dictionary(rate_hz)
         law = count_test(delays, rng, runs=n)
         variance = float(noise_variance(45.0, 0.02, rate_hz))
-        one = rng.uniform(-0.5, 0.5, (n, 1)), np.exp(2j * np.pi * rng.random((n, 1)))
-        raised, weaker_raised = _statistics(*one, _RAISED * variance, variance, delays, rng)
+        single = rng.uniform(-0.5, 0.5, (n, 1)), np.exp(2j * np.pi * rng.random((n, 1)))
+        raised, weaker_raised = _statistics(*single, _RAISED * variance, variance, delays, rng)
         share = _RAISED * rng.chisquare(2 * _NOISE_SAMPLES, n) / (2 * _NOISE_SAMPLES)  # estimated, of the thermal
         for noise, (statistic, weaker), samples in (
-            ("thermal", _statistics(*one, variance, variance, delays, rng), None),
+            ("thermal", _statistics(*single, variance, variance, delays, rng), None),
             ("other satellites", (raised, weaker_raised), None),
             ("estimated", (raised / share, weaker_raised), _NOISE_SAMPLES),
         ):
@@ -249,8 +249,10 @@ def _statistics(
     delays: Dictionary,
     rng: np.random.Generator,
 ) -> tuple[Reals, Reals]:
-    """T (n,) of correlations with noise of `variance`, for a test that is given another, and the smaller amplitude (n,)
-    of two signals fitted to them. T goes with one over what is given."""
+    """Compute T (n,) of correlations with noise of `variance`, and the smaller amplitude (n,) of two fits.
+
+    T varies inversely with the assumed variance.
+    """
     parts, weaker = [], []
     for begin in range(0, len(delay), 5000):
         part = slice(begin, begin + 5000)
@@ -269,8 +271,8 @@ def _ratio(**where: Any) -> Callable[[Sequence[Row]], float]:
     return lambda rows: rms(rows) / bound(rows)
 
 
-def _share_of(asked: float) -> Callable[[Sequence[Row]], float]:
-    """A fifth of what is asked, or three standard deviations of a count that is too small to show that."""
+def _allow_share(asked: float) -> Callable[[Sequence[Row]], float]:
+    """Allow a fifth of what is asked, or three standard deviations of a small count."""
     counted = value_of("trials", case="one signal", p_fa_asked=asked)
 
     def tolerance(rows: Sequence[Row]) -> float:
@@ -381,7 +383,7 @@ STUDIES: tuple[Study, ...] = (
                     what=f"false second signals at {asked:g} asked, 5 Msps, noise {noise}",
                     paper="no test is given",
                     reference=asked,
-                    tolerance=_share_of(asked),
+                    tolerance=_allow_share(asked),
                     better=value_of("counted_as_two", case="one signal", rate_hz=5e6, noise=noise, p_fa_asked=asked),
                 )
                 for noise in ("thermal", "estimated")

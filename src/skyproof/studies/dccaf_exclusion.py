@@ -18,14 +18,13 @@ PAPER: Final = "Ahmed, Khanafseh, Pervan, decomposition of the cross-ambiguity f
 
 
 def _farthest(rows: Sequence[Row]) -> float:
-    """The drift counted over the drift predicted, of the row and axis where the two are farthest apart."""
+    """Return the drift counted over that predicted, of the row and axis where they differ most."""
     ratios = [row[f"{axis}_m"] / row[f"{axis}_predicted_m"] for row in rows for axis in ("east", "north", "up")]
     return float(max(ratios, key=lambda ratio: abs(ratio - 1.0)))
 
 
-def _most_surprising(rows: Sequence[Row]) -> float:
-    """Wrong choices counted less predicted, in standard deviations of the count, where that is largest; one count is
-    allowed for where less than one is expected."""
+def _largest_excess(rows: Sequence[Row]) -> float:
+    """Return wrong choices counted less predicted, in standard deviations of the count, at their largest."""
     sigmas = []
     for row in rows:
         chance, trials = row["wrong_predicted"], row["trials"]
@@ -48,7 +47,7 @@ _COUNTED: Final = (
         what="wrong choices by covariance, counted less predicted, in sigmas: the farthest of all rows",
         paper="none",
         reference=0.0,
-        same=_most_surprising,
+        same=_largest_excess,
         tolerance=4.0,
     ),
 )

@@ -50,7 +50,7 @@ class _Start(NamedTuple):
 
 
 def _level(grade: ImuGrade) -> ImuGrade:
-    """Without gain errors, of which the paper says nothing: on a straight approach they are a bias."""
+    """Remove gain errors, which the paper does not mention: on a straight approach they are a bias."""
     return replace(grade, accelerometer_scale=0.0, gyro_scale=0.0, misalignment_rad=0.0)
 
 
@@ -114,13 +114,13 @@ class _Flown:
     rate: Reals
 
     def drift_m(self, moments_s: Sequence[int]) -> Reals:
-        """Errors of position (runs, moments, 3), east, north, up."""
+        """Return the errors of position (runs, moments, 3), east, north, up."""
         approach = _approach()
         at = [round(moment_s * _RATE_HZ) for moment_s in moments_s]
         return np.asarray((self.places[:, at] - approach.path.position_ecef_m[list(moments_s)]) @ approach.to_enu.T)
 
 
-def _flown(grade: ImuGrade, start: _Start, runs: int, end_s: int, rng: np.random.Generator) -> _Flown:
+def _fly(grade: ImuGrade, start: _Start, runs: int, end_s: int, rng: np.random.Generator) -> _Flown:
     approach, n = _approach(), round(end_s * _RATE_HZ)
     force = approach.force[:n] + _sensor_errors(
         grade.accelerometer_repeatability_m_s2,
@@ -163,7 +163,7 @@ def _sensor_errors(
     n: int,
     rng: np.random.Generator,
 ) -> Reals:
-    """Errors (runs, n, 3) of readings: constant, Gauss-Markov and white."""
+    """Draw errors (runs, n, 3) of readings: constant, Gauss-Markov and white."""
     step = gauss_markov_step(instability, correlation_s, 1.0 / _RATE_HZ)
     keep = float(step.keep)
     at_start = instability * rng.standard_normal((runs, 1, 3))
@@ -176,8 +176,8 @@ def _sensor_errors(
     return np.asarray(constant + means + spread * rng.standard_normal((runs, n, 3)))
 
 
-def _predicted(grade: ImuGrade, start: _Start) -> Reals:
-    """The linear model's covariance (234, 21, 21), ECEF: knows nothing of the draws above."""
+def _predict_covariance(grade: ImuGrade, start: _Start) -> Reals:
+    """Predict the covariance (234, 21, 21), ECEF, by the linear model, without the draws above."""
     first = build_start_covariance(
         grade, position_m=start.position_m, velocity_m_s=start.velocity_m_s, tilt_rad=float(np.radians(start.tilt_deg))
     )
@@ -193,8 +193,8 @@ def _batches(runs: int) -> list[int]:
     return [min(_AT_ONCE, runs - begin) for begin in range(0, runs, _AT_ONCE)]
 
 
-def _judged(offset_m: Reals, drift_m: Reals, predicted_m2: Reals, rng: np.random.Generator) -> dict[str, Any]:
-    """Drifts (runs, 3) counted and predicted, and which of the true and the false fix, `offset_m` apart, is chosen."""
+def _judge(offset_m: Reals, drift_m: Reals, predicted_m2: Reals, rng: np.random.Generator) -> dict[str, Any]:
+    """Count and predict drifts (runs, 3), and which of two fixes `offset_m` apart is chosen."""
     runs = len(drift_m)
     fixes = np.stack((np.zeros((runs, 3)), np.broadcast_to(offset_m, (runs, 3))), axis=1)
     fixes = fixes + _FIX_SIGMA_M * rng.standard_normal((runs, 2, 3))
@@ -226,7 +226,7 @@ def _judged(offset_m: Reals, drift_m: Reals, predicted_m2: Reals, rng: np.random
 
 
 def approach(settings: StudySettings) -> Iterator[Row]:
-    """The true and the false path, from the fix to the threshold (232.1 s) and on, in axes of the fix. No chance."""
+    """Yield the true and the false path, from the fix to the threshold and on, in axes of the fix. No chance."""
     del settings
     seconds = np.concatenate((np.arange(0.0, 231.0, 10.0), [THRESHOLD_S, float(_END_S)]))
     true, false = make_las_vegas().at(seconds), make_las_vegas_false().at(seconds)
@@ -251,7 +251,7 @@ def approach(settings: StudySettings) -> Iterator[Row]:
 
 
 def exclusion(settings: StudySettings) -> Iterator[Row]:
-    """The Las Vegas approach on a free-running unit: its drift, and which of the true and the false fix it chooses.
+    """Count the drift of a free-running unit on the approach, and which fix it chooses.
 
     The false fix is 1 m/s up-east from 90 s on, 100 m away from 190 s on. Both have noise of (1.5, 1.5, 3) m.
     """
@@ -259,17 +259,17 @@ def exclusion(settings: StudySettings) -> Iterator[Row]:
     runs = settings.count(20_000, 3000)  # a standard deviation is known to 0.5 %, 1.3 %
     for (name, errors), (grade, start) in _UNITS.items():
         drift_m = np.concatenate(
-            [_flown(grade, start, batch, _END_S, rng).drift_m(_MOMENTS_S) for batch in _batches(runs)]
+            [_fly(grade, start, batch, _END_S, rng).drift_m(_MOMENTS_S) for batch in _batches(runs)]
         )
-        predicted = _place_enu_m2(_predicted(grade, start))
+        predicted = _place_enu_m2(_predict_covariance(grade, start))
         for k, moment_s in enumerate(_MOMENTS_S):
             offset_m = min(max(moment_s - 90.0, 0.0), 100.0) * _UP_EAST
-            judged = _judged(offset_m, drift_m[:, k], predicted[moment_s], rng)
+            judged = _judge(offset_m, drift_m[:, k], predicted[moment_s], rng)
             yield {"grade": name, "errors": errors, "time_s": moment_s, **judged}
 
 
 def interval(settings: StudySettings) -> Iterator[Row]:
-    """How long after a clean fix the next choice is safe, and how soon.
+    """Count how long after a clean fix the next choice is safe, and how soon.
 
     The unit begins with errors of 1 m and 0.05 m/s an axis, and the false fix leaves at once, 1 m/s up-east.
     """
@@ -279,16 +279,16 @@ def interval(settings: StudySettings) -> Iterator[Row]:
         if start == _Start():
             continue  # no fix is free of errors
         drift_m = np.concatenate(
-            [_flown(grade, start, batch, _INTERVALS_S[-1], rng).drift_m(_INTERVALS_S) for batch in _batches(runs)]
+            [_fly(grade, start, batch, _INTERVALS_S[-1], rng).drift_m(_INTERVALS_S) for batch in _batches(runs)]
         )
-        predicted = _place_enu_m2(_predicted(grade, start))
+        predicted = _place_enu_m2(_predict_covariance(grade, start))
         for k, interval_s in enumerate(_INTERVALS_S):
-            judged = _judged(interval_s * _UP_EAST, drift_m[:, k], predicted[interval_s], rng)
+            judged = _judge(interval_s * _UP_EAST, drift_m[:, k], predicted[interval_s], rng)
             yield {"grade": name, "errors": errors, "interval_s": interval_s, **judged}
 
 
 def restart(settings: StudySettings) -> Iterator[Row]:
-    """A tactical unit takes the true fix at 190 s, 100 m from the false one, and chooses again at 233 s.
+    """Take the true fix at 190 s, 100 m from the false one, and choose again at 233 s.
 
     restart : its place is "set" to the fix, as in the paper; or place, or place and velocity (0.05 m/s an axis), are
     updated by the covariance, which puts velocity, tilt and biases right, too.
@@ -297,15 +297,15 @@ def restart(settings: StudySettings) -> Iterator[Row]:
     runs = settings.count(10_000, 2000)
     for errors in ("table 1", "table 1, start", "calibrated, start", "switch-on, start"):
         grade, start = _UNITS["tactical", errors]
-        covariance = _predicted(grade, start)
+        covariance = _predict_covariance(grade, start)
         drifts: dict[str, list[Reals]] = {how: [] for how in _RESTARTS}
         for batch in _batches(runs):
-            flown = _flown(grade, start, batch, _END_S, rng)
+            flown = _fly(grade, start, batch, _END_S, rng)
             for how, taken in _RESTARTS.items():
-                drifts[how].append(_restarted(flown, covariance[_RESTART_S], taken, grade, rng))
+                drifts[how].append(_restart_units(flown, covariance[_RESTART_S], taken, grade, rng))
         for how, taken in _RESTARTS.items():
             after = _covariance_after(covariance[_RESTART_S], taken, grade) if taken else covariance[_END_S]
-            judged = _judged(100.0 * _UP_EAST, np.concatenate(drifts[how]), _place_enu_m2(after), rng)
+            judged = _judge(100.0 * _UP_EAST, np.concatenate(drifts[how]), _place_enu_m2(after), rng)
             yield {"grade": "tactical", "errors": errors, "restart": how, "time_s": _END_S, **judged}
 
 
@@ -313,7 +313,7 @@ _RESTARTS: Final = {"none": "", SET: "set", "place updated": "place", BOTH: "vel
 
 
 def _fix(taken: str) -> tuple[Reals, Reals]:
-    """What a fix measures of the states (m, 21), and its noise (m, m), ECEF."""
+    """Return what a fix measures of the states (m, 21), and its noise (m, m), ECEF."""
     to_enu = _approach().to_enu
     place_m2 = to_enu.T @ _FIX_M2 @ to_enu
     m = 6 if taken == "velocity" else 3
@@ -322,7 +322,7 @@ def _fix(taken: str) -> tuple[Reals, Reals]:
 
 
 def _covariance_after(covariance: Reals, taken: str, grade: ImuGrade) -> Reals:
-    """At the end (21, 21), from (21, 21) just before the restart."""
+    """Compute the covariance at the end (21, 21), from that just before the restart."""
     sensitivity, noise = _fix(taken)
     if taken == "set":
         after = covariance.copy()
@@ -340,8 +340,8 @@ def _covariance_after(covariance: Reals, taken: str, grade: ImuGrade) -> Reals:
     return np.asarray(propagate_covariance(ahead, grade, after)[-1])
 
 
-def _restarted(flown: _Flown, covariance: Reals, taken: str, grade: ImuGrade, rng: np.random.Generator) -> Reals:
-    """Drifts (runs, 3) at the end of units that are put right by a fix of the true place on their way."""
+def _restart_units(flown: _Flown, covariance: Reals, taken: str, grade: ImuGrade, rng: np.random.Generator) -> Reals:
+    """Compute drifts (runs, 3) at the end of units that a fix of the true place corrects on their way."""
     if not taken:
         return np.asarray(flown.drift_m((_END_S,))[:, 0])
     approach, k = _approach(), round(_RESTART_S * _RATE_HZ)

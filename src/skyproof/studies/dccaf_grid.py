@@ -1,5 +1,5 @@
 """Studies of the grid itself, from samples: what the correlation over delay and Doppler looks like with one signal and
-with two, and its noise (Ahmed, Khanafseh, Pervan: figures 2 and 3, of which only the captions have come to us).
+with two, and its noise (Ahmed, Khanafseh, Pervan: figures 2 and 3, known by their captions only).
 
 Signals are made from the codes of real satellites in the band of an ideal front end: a code's spectrum has a line each
 kilohertz, so delays and the band are exact. None of the correlation functions of
@@ -36,7 +36,7 @@ _PROMINENT: Final = 0.12  # three times the noise
 
 
 def _period(prn: int, rate_hz: float, delay_chips: ArrayLike) -> Reals:
-    """One period (..., samples) of a code of unit power before the band limit, delayed (...)."""
+    """Return one period (..., samples) of a code of unit power before the band limit, delayed (...)."""
     samples = round(rate_hz * _CODE_S)
     half = (samples - 1) // 2
     line = np.arange(-half, half + 1)
@@ -64,8 +64,8 @@ def _noise(n: int, rate_hz: float, rng: np.random.Generator) -> Complexes:
     return np.asarray(sigma * (rng.standard_normal(n) + 1j * rng.standard_normal(n)))
 
 
-def _correlated(samples: Complexes, prn: int, rate_hz: float, delays_chips: Reals, dopplers_hz: Reals) -> Complexes:
-    """The grid (dopplers, delays), one where a signal of amplitude one is met, phases at mid-interval."""
+def _correlate(samples: Complexes, prn: int, rate_hz: float, delays_chips: Reals, dopplers_hz: Reals) -> Complexes:
+    """Correlate a grid (dopplers, delays), one where a signal of amplitude one is met."""
     replicas = _period(prn, rate_hz, delays_chips)
     power = np.mean(replicas[0] ** 2)
     part = round(_PART_S * rate_hz)
@@ -88,7 +88,7 @@ _CASES: Final = {
 
 
 def grid(settings: StudySettings) -> Iterator[Row]:
-    """The grid of 20 ms at 25 Msps and 45 dB-Hz, seen along delay and along Doppler: the largest magnitude of the rest.
+    """Compute the grid of 20 ms at 25 Msps and 45 dB-Hz along delay and along Doppler.
 
     peaks : over delay, that stand out by 0.12, three times the noise. phase_cyc : from that of the highest cell, where
     the magnitude is above half of it. Eleven others are in the sky.
@@ -97,12 +97,12 @@ def grid(settings: StudySettings) -> Iterator[Row]:
     rate_hz, coherent_s = 25e6, 0.02
     delays = np.asarray(np.arange(-25, 66) * (GPS_L1_CA.chip_rate_hz / rate_hz), np.float64)
     dopplers = np.arange(-400.0, 701.0, 10.0)
-    others = _others(rate_hz, coherent_s, rng)
+    other_sats = _others(rate_hz, coherent_s, rng)
     for case, signals in _CASES.items():
-        samples = others + _noise(others.size, rate_hz, rng)
+        samples = other_sats + _noise(other_sats.size, rate_hz, rng)
         for amplitude, delay, doppler in signals:
             samples = samples + amplitude * _signal(1, rate_hz, coherent_s, delay, doppler)
-        cells = _correlated(samples, 1, rate_hz, delays, dopplers)
+        cells = _correlate(samples, 1, rate_hz, delays, dopplers)
         peaks, highest = _peaks(np.abs(cells)), cells.ravel()[np.argmax(np.abs(cells))]
         for along, x, lines in (("delay", delays, cells.T), ("Doppler", dopplers, cells)):
             best = np.take_along_axis(lines, np.argmax(np.abs(lines), axis=1)[:, None], axis=1)[:, 0]
@@ -125,7 +125,7 @@ def _peaks(size: Reals) -> int:
 
 
 def noise(settings: StudySettings) -> Iterator[Row]:
-    """The noise of one value of the grid, 45 dB-Hz, 5 Msps: thermal, and what eleven other satellites add to it.
+    """Measure the noise of one value of the grid: thermal, and what eleven other satellites add.
 
     They are as strong, with Dopplers within 4 kHz, random delays and a data bit's edge somewhere. added_predicted: the
     mean over delays and Dopplers, for each satellite the integral of the code's spectrum squared, 2/3 of a chip
@@ -143,9 +143,9 @@ def noise(settings: StudySettings) -> Iterator[Row]:
         thermal: list[float] = []
         added: list[float] = []
         for _ in range(skies):
-            others = _others(rate_hz, coherent_s, rng)
-            for powers, samples in ((thermal, _noise(others.size, rate_hz, rng)), (added, others)):
-                powers.append(float(np.mean(np.abs(_correlated(samples, 1, rate_hz, delays, dopplers)) ** 2)))
+            other_sats = _others(rate_hz, coherent_s, rng)
+            for powers, samples in ((thermal, _noise(other_sats.size, rate_hz, rng)), (added, other_sats)):
+                powers.append(float(np.mean(np.abs(_correlate(samples, 1, rate_hz, delays, dopplers)) ** 2)))
         predicted = float(noise_variance(_CN0_DBHZ, coherent_s, rate_hz))
         yield {
             "coherent_ms": coherent_ms,

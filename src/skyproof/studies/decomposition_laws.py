@@ -40,7 +40,7 @@ __all__ = [
 def delay_dictionary(
     rate_hz: float, band_hz: float | None = None, *, reach_chips: float = 2.2, window_chips: float = 1.3
 ) -> Dictionary:
-    """Of taps at the samples' spacing, `reach_chips` to both sides, for delays within `window_chips`.
+    """Build the dictionary of taps at the samples' spacing, `reach_chips` to both sides.
 
     band_hz : two-sided, of the front end; the sample rate if None. Such taps hold all the information of the signal.
     """
@@ -51,7 +51,7 @@ def delay_dictionary(
 
 
 def blocks_dictionary(coherent_s: float, blocks: int, *, within_hz: float) -> Dictionary:
-    """Of the parts of an interval, correlated one by one; noise is white from part to part.
+    """Build the dictionary of the parts of an interval, correlated one by one.
 
     Parts are scaled so that a signal at zero Doppler has the energy that it has in the whole: a part is the mean over
     it divided by the root of their number.
@@ -73,7 +73,7 @@ def delay_bound(
     dopplers: Dictionary | None = None,
     doppler_hz: ArrayLike = 0.0,
 ) -> Reals:
-    """Cramer-Rao bound (covariance) of the delays (..., n) and, with `dopplers`, the Dopplers: (..., p, p).
+    """Compute the Cramer-Rao bound (..., p, p) of delays (..., n) and, with `dopplers`, Dopplers.
 
     Complex amplitudes (..., n) are unknown; `noise_variance` (...).
     """
@@ -87,18 +87,18 @@ def delay_bound(
         columns.append(scaled * _outer(along_time, space))
     changes = np.concatenate(columns, axis=-2)
     basis = np.linalg.qr(np.swapaxes(_outer(time, space), -1, -2))[0]  # of what amplitudes can explain
-    left = changes - (changes @ np.conj(basis)) @ np.swapaxes(basis, -1, -2)
-    return invert_information(np.real(np.conj(left) @ np.swapaxes(left, -1, -2)))
+    remaining = changes - (changes @ np.conj(basis)) @ np.swapaxes(basis, -1, -2)
+    return invert_information(np.real(np.conj(remaining) @ np.swapaxes(remaining, -1, -2)))
 
 
 def _outer(time: NDArray[np.inexact], space: NDArray[np.inexact]) -> NDArray[np.inexact]:
-    """Vectors (..., n, blocks d) of all blocks and taps."""
-    both = time[..., :, None] * space[..., None, :]
-    return both.reshape(*both.shape[:-2], -1)
+    """Multiply out vectors (..., n, blocks d) of all blocks and taps."""
+    product = time[..., :, None] * space[..., None, :]
+    return product.reshape(*product.shape[:-2], -1)
 
 
 def noise_variance(cn0_dbhz: ArrayLike, coherent_s: ArrayLike, band_hz: float) -> Reals:
-    """s^2 = E|v|^2 of one point of the grid beside a signal of amplitude one: 1 / (C/N0 T eta)."""
+    """Compute s^2 = E|v|^2 of one grid point beside a signal of amplitude one: 1 / (C/N0 T eta)."""
     cn0_hz = 10.0 ** (0.1 * np.asarray(cn0_dbhz, np.float64))
     return np.asarray(1.0 / (cn0_hz * np.asarray(coherent_s, np.float64) * band_share(band_hz, GPS_L1_CA)))
 
@@ -110,7 +110,7 @@ def simulate_taps(
     delays: Dictionary,
     rng: np.random.Generator,
 ) -> Complexes:
-    """Taps (..., m) of signals (..., n) at the known Doppler, with noise of the front end's own correlation."""
+    """Simulate taps (..., m) of signals (..., n) at the known Doppler, with correlated noise."""
     lag = delays.points - np.asarray(delay_chips, np.float64)[..., None]
     clean = np.sum(
         np.asarray(amplitude, np.complex128)[..., None] * correlation(lag, delays.band_hz, GPS_L1_CA), axis=-2
@@ -127,7 +127,7 @@ def simulate_taps(
 def count_statistic(
     taps: ArrayLike, delays: Dictionary, noise_variance: ArrayLike, *, fewer: int = 1
 ) -> tuple[Reals, Decomposition, Decomposition]:
-    """T = 2 (Q_more - Q_fewer) / s^2 (...) and both decompositions; taps (..., m) at a known Doppler.
+    """Compute T = 2 (Q_more - Q_fewer) / s^2 (...) and both decompositions; taps (..., m).
 
     Twice the log-likelihood ratio of `fewer` + 1 signals against `fewer`. It is not chi-square: the delay of a signal
     that is not there is no parameter. `count_test` has its law.
@@ -151,17 +151,17 @@ class CountTest:
     noise_samples: int | None
 
     def p_value(self, statistic: ArrayLike) -> Reals:
-        """Chance (...) of a statistic at least as large under one signal; uniform to 5 % down to 1e-3."""
+        """Return the p-value (...) of a statistic under one signal; uniform to 5 % down to 1e-3."""
         t = np.asarray(statistic, np.float64)
         if self.noise_samples is None:
-            return self._known(t)
+            return self._p_value_of_known_noise(t)
         # T = 2 (Q2 - Q1) / s_estimated^2, and the estimate is chi-square: the known law, mixed over it.
         share = (np.arange(64) + 0.5) / 64
         factor = special.chdtri(2.0 * self.noise_samples, share) / (2.0 * self.noise_samples)
-        return np.asarray(self._known(t[..., None] * factor).mean(axis=-1))
+        return np.asarray(self._p_value_of_known_noise(t[..., None] * factor).mean(axis=-1))
 
     def threshold(self, probability: ArrayLike) -> Reals:
-        """The statistic that is exceeded with `probability` (...)."""
+        """Return the statistic that is exceeded with `probability` (...)."""
         asked = np.asarray(probability, np.float64)
         low, high = np.zeros(asked.shape), np.full(asked.shape, 400.0)
         for _ in range(60):
@@ -170,7 +170,7 @@ class CountTest:
             low, high = np.where(above, middle, low), np.where(above, high, middle)
         return np.asarray(0.5 * (low + high))
 
-    def _known(self, t: Reals) -> Reals:
+    def _p_value_of_known_noise(self, t: Reals) -> Reals:
         n = self.statistics.size
         counted = (n - np.searchsorted(self.statistics, t, side="left") + 0.5) / (n + 1.0)
         begin = self.statistics[int(0.93 * n)]
@@ -205,7 +205,7 @@ def count_test(
 
 
 def _tail(statistics: Reals) -> tuple[float, float]:
-    """c0 and c1 of exp(-t/2) (c0 + c1 sqrt(t)) by weighted least squares over the upper tenth."""
+    """Fit c0 and c1 of exp(-t/2) (c0 + c1 sqrt(t)) by weighted least squares over the upper tenth."""
     n = statistics.size
     rank = np.unique(np.geomspace(max(3, n // 5000), n // 10, 40).astype(int))
     t = statistics[n - rank]

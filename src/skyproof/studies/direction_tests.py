@@ -18,8 +18,8 @@ from skyproof.statistics.distributions import chi_square_survival, chi_square_th
 __all__ = [
     "DirectionBlocks",
     "blocks",
-    "dead_zone",
     "equal_p_value",
+    "measure_dead_zone",
     "noncentrality_for_power",
     "outsider_statistic",
 ]
@@ -39,7 +39,7 @@ class DirectionBlocks(NamedTuple):
 
 
 def blocks(step_deg: float = 1.0, *, azimuth_place: float = 0.5, elevation_place: float = 0.5) -> DirectionBlocks:
-    """All blocks of `step_deg`, which divides 90. The places are 0 at the lower edge, 0.5 in the middle."""
+    """List all blocks of `step_deg`, which divides 90. The places are 0 at the lower edge, 0.5 in the middle."""
     rings = round(90.0 / step_deg)
     ring, turn = np.divmod(np.arange(4 * rings * rings), 4 * rings)
     az_rad, el_rad = np.radians((turn + azimuth_place) * step_deg), np.radians((ring + elevation_place) * step_deg)
@@ -50,7 +50,7 @@ def blocks(step_deg: float = 1.0, *, azimuth_place: float = 0.5, elevation_place
 def outsider_statistic(
     value: ArrayLike, covariance: ArrayLike, mean: ArrayLike, of_mean: ArrayLike, *, wrapped: bool = False
 ) -> Reals:
-    """Squared norm of a vector's distance from a group's mean, (...); chi-square with d degrees if it belongs there.
+    """Compute the squared norm of a vector's distance from a group's mean, (...).
 
     Parameters
     ----------
@@ -62,12 +62,12 @@ def outsider_statistic(
 
 
 def noncentrality_for_power(power: ArrayLike, false_alarm_probability: ArrayLike, dof: ArrayLike) -> Reals:
-    """The noncentrality at which a chi-square test has this power: 27.4145 for 0.99 at 0.01 with 2 degrees."""
+    """Compute the noncentrality at which a chi-square test has this power."""
     threshold = chi_square_threshold(false_alarm_probability, dof)
     return np.asarray(special.chndtrinc(threshold, dof, 1.0 - np.asarray(power, np.float64)), float)
 
 
-def dead_zone(
+def measure_dead_zone(
     predicted: Reals,
     received: Reals,
     design: Reals,
@@ -93,8 +93,8 @@ def dead_zone(
     # Where no component can be half a cycle off within the limit, rounding finds the one set of whole cycles that may.
     rounding = limit * np.max(np.diag(covariance)) < 0.25
     inverse = np.linalg.inv(np.linalg.cholesky(covariance))
-    here, there = predicted @ design.T, received @ design.T
-    white, white_there = here @ inverse.T, there @ inverse.T
+    predicted_cyc, received_cyc = predicted @ design.T, received @ design.T
+    white, white_there = predicted_cyc @ inverse.T, received_cyc @ inverse.T
     there_square = np.sum(white_there**2, axis=-1)
     total = np.empty(len(predicted))
     chunk = max(1, 2**17 // len(received))  # in the cache
@@ -103,25 +103,25 @@ def dead_zone(
         if not wrapped:
             far = np.sum(white[rows] ** 2, axis=-1)[:, None] + there_square - 2.0 * (white[rows] @ white_there.T)
         elif rounding:
-            far = _rounded_square(here[rows], there, inverse)
+            far = _round_and_square(predicted_cyc[rows], received_cyc, inverse)
         else:
-            far = subtract_nearest_whole(here[rows, None, :] - there, covariance)[1]
+            far = subtract_nearest_whole(predicted_cyc[rows, None, :] - received_cyc, covariance)[1]
         total[rows] = (far < limit) @ weight
     return total
 
 
 def equal_p_value(values: ArrayLike, covariance: ArrayLike, *, wrapped: bool = False) -> Reals:
-    """p-value (...) of `equal_statistic`, uniform where the n vectors are one."""
+    """Return the p-value (...) of `equal_statistic`, uniform where the n vectors are one."""
     n, d = np.shape(values)[-2:]
     return chi_square_survival(equal_statistic(values, covariance, wrapped=wrapped)[0], (n - 1) * d)
 
 
-def _rounded_square(here: Reals, there: Reals, inverse: Reals) -> Reals:
-    """Squared norm (p, r) of differences rounded component by component; a component at a time, for the cache."""
+def _round_and_square(here: Reals, there: Reals, inverse: Reals) -> Reals:
+    """Compute the squared norm (p, r) of differences rounded component by component."""
     apart = [here[:, k, None] - there[:, k] for k in range(here.shape[-1])]
-    for one in apart:
-        one -= np.rint(one)
+    for component in apart:
+        component -= np.rint(component)
     total = np.zeros((len(here), len(there)))
     for row, weights in enumerate(inverse):
-        total += sum(w * one for w, one in zip(weights[: row + 1], apart, strict=False)) ** 2
+        total += sum(w * component for w, component in zip(weights[: row + 1], apart, strict=False)) ** 2
     return total

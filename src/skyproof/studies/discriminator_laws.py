@@ -24,7 +24,7 @@ __all__ = [
     "code_probability",
     "code_sigma_chips",
     "code_tail",
-    "combined_taps",
+    "combine_taps",
     "phase_mean",
     "phase_mean_by_integral",
     "phase_mean_coefficients",
@@ -40,12 +40,12 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(128)  # as 400 give, to 1e-12
 
 
 def prompt_amplitude(cn0_dbhz: ArrayLike, sums: ArrayLike = 1, *, coherent_s: float = 1e-3) -> Reals:
-    """A_K = sqrt(2 T K C/N0): prompt over the standard deviation of its noise in one component, `sums` = K."""
+    """Compute A_K = sqrt(2 T K C/N0): prompt over its noise in one component, `sums` = K."""
     return np.asarray(np.sqrt(2.0 * coherent_s * np.asarray(sums, float) * 10.0 ** (np.asarray(cn0_dbhz) / 10)), float)
 
 
-def combined_taps(taps: Complexes, *, axis: int) -> Complexes:
-    """Mean over K integrations of (..., 3) early, prompt, late after wiping the sign of the prompt's real part (23).
+def combine_taps(taps: Complexes, *, axis: int) -> Complexes:
+    """Average K integrations of (..., 3) early, prompt, late after wiping the prompt's sign (23).
 
     `axis` is that of the integrations, not the last. The sign is wrong with probability Q(A_1 cos(phase)): 4e-6 at 40
     dB-Hz and 1 ms, 0.08 at 30. Below 35 dB-Hz sum over whole bits first.
@@ -55,13 +55,13 @@ def combined_taps(taps: Complexes, *, axis: int) -> Complexes:
 
 
 def code_discriminator(early: ArrayLike, late: ArrayLike) -> Reals:
-    """0.5 (|E| - |L|) / (|E| + |L|) in chips, positive where the received code is ahead of the local one's middle."""
+    """Compute 0.5 (|E| - |L|) / (|E| + |L|) in chips, positive where the received code is ahead."""
     e, lt = np.abs(early), np.abs(late)
     return np.asarray(0.5 * (e - lt) / (e + lt), float)
 
 
 def code_density(value_chips: ArrayLike, amplitude: ArrayLike, code_chips: ArrayLike = 0.0) -> Reals:
-    """Density of the code discriminator, per chip; zero outside (-0.5, 0.5)."""
+    """Compute the density of the code discriminator, per chip; zero outside (-0.5, 0.5)."""
     value = np.asarray(value_chips, float)
     inside = np.abs(value) < 0.5
     angle = 0.25 * np.pi - np.arctan(2.0 * np.where(inside, value, 0.0))
@@ -69,10 +69,10 @@ def code_density(value_chips: ArrayLike, amplitude: ArrayLike, code_chips: Array
     return np.asarray(np.where(inside, density, 0.0), float)
 
 
-def _integral(
+def _integrate(
     density: Callable[[Reals], Reals], low: ArrayLike, high: ArrayLike, peak: Reals, width: ArrayLike
 ) -> Reals:
-    """Integral of `density(angle (..., nodes))` over (low, high), nodes only within `REACH` widths of the peak."""
+    """Integrate `density(angle (..., nodes))` over (low, high), within `REACH` widths of the peak."""
     reach = REACH * np.asarray(width, float)
     a = np.maximum(np.asarray(low, float), peak - reach)
     b = np.maximum(np.minimum(np.asarray(high, float), peak + reach), a)
@@ -80,8 +80,8 @@ def _integral(
     return np.asarray(np.sum(half * _WEIGHTS * density(0.5 * (a + b)[..., None] + half * _NODES), axis=-1), float)
 
 
-def _of_code(low: ArrayLike, high: ArrayLike, amplitude: ArrayLike, code_chips: ArrayLike, power: int) -> Reals:
-    """Integral over angles (low, high) of the density times the discriminator to a power."""
+def _integrate_code(low: ArrayLike, high: ArrayLike, amplitude: ArrayLike, code_chips: ArrayLike, power: int) -> Reals:
+    """Integrate the density times the discriminator to a power over angles (low, high)."""
     a, c, low, high = np.broadcast_arrays(*(np.asarray(x, float) for x in (amplitude, code_chips, low, high)))
     a1, a2 = code_amplitudes(a, c)
 
@@ -89,40 +89,43 @@ def _of_code(low: ArrayLike, high: ArrayLike, amplitude: ArrayLike, code_chips: 
         density = code_angle_density(angle, a[..., None], c[..., None])
         return density * (0.5 * np.tan(0.25 * np.pi - angle)) ** power if power else density
 
-    return _integral(integrand, low, high, np.arctan2(a2, a1), 1.0 / np.maximum(np.hypot(a1, a2), 1e-3))
+    return _integrate(integrand, low, high, np.arctan2(a2, a1), 1.0 / np.maximum(np.hypot(a1, a2), 1e-3))
 
 
 def code_mean(amplitude: ArrayLike, code_chips: ArrayLike) -> Reals:
-    """gamma1 (18): mean of the code discriminator. Never reaches the offset, since the weaker tap is Rice-biased."""
-    return _of_code(0.0, HALF_PI, amplitude, code_chips, 1)
+    """Compute gamma1 (18): the mean of the code discriminator.
+
+    Never reaches the offset, since the weaker tap is Rice-biased.
+    """
+    return _integrate_code(0.0, HALF_PI, amplitude, code_chips, 1)
 
 
 def code_sigma_chips(amplitude: ArrayLike, code_chips: ArrayLike = 0.0) -> Reals:
-    """Standard deviation of the code discriminator; 1 / (sqrt(2) A) for large A at offset zero."""
+    """Compute the standard deviation of the code discriminator; 1 / (sqrt(2) A) for large A."""
     mean = code_mean(amplitude, code_chips)
-    return np.asarray(np.sqrt(_of_code(0.0, HALF_PI, amplitude, code_chips, 2) - mean**2), float)
+    return np.asarray(np.sqrt(_integrate_code(0.0, HALF_PI, amplitude, code_chips, 2) - mean**2), float)
 
 
 def _limits(limit_chips: ArrayLike) -> tuple[Reals, Reals]:
-    """Angles between which |discriminator| <= limit."""
+    """Return the angles between which |discriminator| <= limit."""
     half = np.arctan(2.0 * np.minimum(np.asarray(limit_chips, float), 0.5))
     return 0.25 * np.pi - half, 0.25 * np.pi + half
 
 
 def code_probability(limit_chips: ArrayLike, amplitude: ArrayLike, code_chips: ArrayLike = 0.0) -> Reals:
-    """Prob(|code discriminator| <= limit), first factor of (26)."""
+    """Compute Prob(|code discriminator| <= limit), first factor of (26)."""
     low, high = _limits(limit_chips)
-    return _of_code(low, high, amplitude, code_chips, 0)
+    return _integrate_code(low, high, amplitude, code_chips, 0)
 
 
 def code_tail(limit_chips: ArrayLike, amplitude: ArrayLike, code_chips: ArrayLike = 0.0) -> Reals:
-    """Prob(|code discriminator| > limit), the tail itself: small ones keep their digits."""
+    """Compute Prob(|code discriminator| > limit), the tail itself: small ones keep their digits."""
     low, high = _limits(limit_chips)
-    below = _of_code(0.0, low, amplitude, code_chips, 0)
-    return np.asarray(below + _of_code(high, HALF_PI, amplitude, code_chips, 0), float)
+    below = _integrate_code(0.0, low, amplitude, code_chips, 0)
+    return np.asarray(below + _integrate_code(high, HALF_PI, amplitude, code_chips, 0), float)
 
 
-def _of_phase(
+def _integrate_phase(
     low: ArrayLike,
     high: ArrayLike,
     amplitude: ArrayLike,
@@ -131,7 +134,7 @@ def _of_phase(
     power: int = 0,
     form: Form = "corrected",
 ) -> Reals:
-    """Integral over (low, high), which may reach beyond pi/2 since the density has period pi."""
+    """Integrate over (low, high), which may reach beyond pi/2 since the density has period pi."""
     arrays = (np.asarray(x, float) for x in (amplitude, phase_rad, code_chips, low, high))
     a, p, c, low, high = np.broadcast_arrays(*arrays)
     width = np.minimum(1.0 / np.maximum(a * triangle(c), 1e-3), HALF_PI / REACH)
@@ -141,7 +144,7 @@ def _of_phase(
         return density * angle**power if power else density
 
     # The peak comes again each half turn; each one is integrated over its own half turn at most.
-    peaks = (_integral(integrand, low, high, p + turn, width) for turn in (-np.pi, 0.0, np.pi))
+    peaks = (_integrate(integrand, low, high, p + turn, width) for turn in (-np.pi, 0.0, np.pi))
     return np.asarray(sum(peaks), float)
 
 
@@ -153,32 +156,37 @@ def phase_probability(
     *,
     form: Form = "corrected",
 ) -> Reals:
-    """Prob(|phase discriminator| <= limit), second factor of (26). With limit pi/2 the density's whole integral."""
+    """Compute Prob(|phase discriminator| <= limit), second factor of (26).
+
+    With limit pi/2 the density's whole integral.
+    """
     limit = np.minimum(np.asarray(limit_rad, float), HALF_PI)
-    return _of_phase(-limit, limit, amplitude, phase_rad, code_chips, form=form)
+    return _integrate_phase(-limit, limit, amplitude, phase_rad, code_chips, form=form)
 
 
 def phase_tail(
     limit_rad: ArrayLike, amplitude: ArrayLike, phase_rad: ArrayLike = 0.0, code_chips: ArrayLike = 0.0
 ) -> Reals:
-    """Prob(|phase discriminator| > limit), the tail itself."""
+    """Compute Prob(|phase discriminator| > limit), the tail itself."""
     limit = np.minimum(np.asarray(limit_rad, float), HALF_PI)
-    return _of_phase(limit, np.pi - limit, amplitude, phase_rad, code_chips)
+    return _integrate_phase(limit, np.pi - limit, amplitude, phase_rad, code_chips)
 
 
 def phase_mean_by_integral(amplitude: ArrayLike, phase_rad: ArrayLike, code_chips: ArrayLike = 0.0) -> Reals:
-    """gamma2 (18) as the integral over the density."""
-    return _of_phase(-HALF_PI, HALF_PI, amplitude, phase_rad, code_chips, power=1)
+    """Compute gamma2 (18) as the integral over the density."""
+    return _integrate_phase(-HALF_PI, HALF_PI, amplitude, phase_rad, code_chips, power=1)
 
 
 def phase_sigma_rad(amplitude: ArrayLike, phase_rad: ArrayLike = 0.0, code_chips: ArrayLike = 0.0) -> Reals:
-    """Standard deviation of the phase discriminator; 1 / A for large A at offset zero."""
+    """Compute the standard deviation of the phase discriminator; 1 / A for large A at offset zero."""
     mean = phase_mean_by_integral(amplitude, phase_rad, code_chips)
-    return np.asarray(np.sqrt(_of_phase(-HALF_PI, HALF_PI, amplitude, phase_rad, code_chips, power=2) - mean**2), float)
+    return np.asarray(
+        np.sqrt(_integrate_phase(-HALF_PI, HALF_PI, amplitude, phase_rad, code_chips, power=2) - mean**2), float
+    )
 
 
 def phase_mean_coefficients(amplitude: ArrayLike, code_chips: ArrayLike = 0.0) -> Reals:
-    """Coefficients (..., m) of gamma2 = sum of c_m sin(2 m phase), m = 1, 2, ..., as many as matter.
+    """Compute coefficients (..., m) of gamma2 = sum of c_m sin(2 m phase), m = 1, 2, ...
 
     (-1)^(m+1)/m sqrt(pi rho)/2 [I_(m-1/2) + I_(m+1/2)](rho/2) exp(-rho/2), rho = (A R(code))^2/2.
     """
@@ -190,7 +198,10 @@ def phase_mean_coefficients(amplitude: ArrayLike, code_chips: ArrayLike = 0.0) -
 
 
 def phase_mean(amplitude: ArrayLike, phase_rad: ArrayLike, code_chips: ArrayLike = 0.0) -> Reals:
-    """gamma2 (18): mean of the phase discriminator, by its series. Rises to a maximum and falls to 0 at pi/2."""
+    """Compute gamma2 (18): the mean of the phase discriminator, by its series.
+
+    Rises to a maximum and falls to 0 at pi/2.
+    """
     return sine_series(phase_mean_coefficients(amplitude, code_chips), np.asarray(phase_rad, float))
 
 
@@ -201,6 +212,6 @@ def sine_series(coefficients: Reals, phase_rad: Reals) -> Reals:
 
 
 def phase_mean_slope(coefficients: Reals, phase_rad: Reals) -> Reals:
-    """Derivative of gamma2 by the phase, from `phase_mean_coefficients`."""
+    """Compute the derivative of gamma2 by the phase, from `phase_mean_coefficients`."""
     orders = np.arange(1.0, coefficients.shape[-1] + 1.0)
     return np.asarray(np.sum(2.0 * orders * coefficients * np.cos(2.0 * orders * phase_rad[..., None]), axis=-1), float)

@@ -47,10 +47,10 @@ __all__ = [
     "difference_colourer",
     "difference_test",
     "difference_whitener",
+    "estimate_pooled_correlation",
     "line_power",
     "pair_tests",
-    "pairs_rejected",
-    "pooled_correlation",
+    "reject_pairs",
 ]
 
 Tested = Literal["line", "slope"]
@@ -72,7 +72,7 @@ class LineTest(NamedTuple):
 
 
 def difference_whitener(n: int) -> Reals:
-    """(n, n) inverse root of I + 1 1^T, the covariance of n differences against one common reference.
+    """Compute the (n, n) inverse root of I + 1 1^T, the covariance of n differences against one reference.
 
     Its eigenvalue along 1 is 1 + n and 1 elsewhere, so the inverse root is I - (1 - 1/sqrt(1+n))/n 1 1^T. The printed
     root in the paper (NAVIGATION 69(1), 2022, doi 10.33012/navi.510, equation 8) colours instead of whitening.
@@ -81,7 +81,10 @@ def difference_whitener(n: int) -> Reals:
 
 
 def difference_colourer(n: int) -> Reals:
-    """(n, n) root of I + 1 1^T: what `difference_whitener` takes back. Equation 8 of the paper has it in its place."""
+    """Compute the (n, n) root of I + 1 1^T, which `difference_whitener` inverts.
+
+    Equation 8 of the paper has it in its place.
+    """
     return np.asarray(np.eye(n) + ((1.0 + n) ** 0.5 - 1.0) / n, float)
 
 
@@ -103,7 +106,7 @@ def difference_test(
     tested : "line" for code, "slope" for carrier (whose level is free).
     sigma_m : of one track's measurement at one epoch, if it is known (detectors a); None takes it from the residuals
         (detectors b). The paper's sigma^2 is that of a difference of two satellites in one receiver: twice this one's.
-    phi : AR(1) coefficient of the noise, known or from `pooled_correlation` (Prais-Winsten), broadcasts with (...).
+    phi : AR(1) coefficient of the noise, known or from `estimate_pooled_correlation` (Prais-Winsten), as (...).
     constant_sigma_m : error of a pseudorange track that stays over the window. The level's square is divided by what it
         adds to the level's variance; the law is then no longer exactly F, and the p-value errs to the safe side (high).
     whitened : False multiplies by the root of I + 1 1^T, as printed. degrees : see `Degrees`.
@@ -124,7 +127,7 @@ def pair_tests(
     phi: ArrayLike = 0.0,
     constant_sigma_m: float = 0.0,
 ) -> LineTest:
-    """`difference_test` of every pair out of Q single differences at once: statistic and p_value (..., Q, Q).
+    """Test every pair out of Q single differences at once, as `difference_test`: (..., Q, Q).
 
     Each single difference keeps two coefficients and a row of the Gram matrix of the residuals, from which every pair's
     statistic follows: RSS(k, l) = G_kk + G_ll - 2 G_kl. Of 7 satellites with two tracks in each of two receivers 28
@@ -139,7 +142,7 @@ def pair_tests(
     return test._replace(p_value=np.where(np.eye(sd_m.shape[-3], dtype=bool), 1.0, test.p_value))
 
 
-def pairs_rejected(
+def reject_pairs(
     sd_m: Reals,
     false_alarm_probability: float,
     *,
@@ -148,7 +151,7 @@ def pairs_rejected(
     phi: ArrayLike = 0.0,
     constant_sigma_m: float = 0.0,
 ) -> Booleans:
-    """Which pairs (..., Q, Q) `pair_tests` rejects, by the threshold alone: p-values cost more than all the rest."""
+    """Test which pairs (..., Q, Q) `pair_tests` rejects, by the threshold alone."""
     statistic = _pair_statistic(sd_m, tested, sigma_m, phi, constant_sigma_m)
     threshold = f_threshold(false_alarm_probability, *_degrees(sd_m.shape[-2:], tested, sigma_m, "all"))
     return np.asarray(statistic > threshold)
@@ -157,7 +160,7 @@ def pairs_rejected(
 def line_power(
     dd_m: Reals, false_alarm_probability: float, sigma_m: float, *, tested: Tested = "line", known: bool = False
 ) -> Reals:
-    """Power (...) of the test on double differences that are dd_m (..., N, R-1) but for white noise of sigma_m.
+    """Compute the power (...) of the test on double differences dd_m (..., N, R-1) in white noise.
 
     The noncentrality is the squared length of what the tested columns see of the whitened dd_m over the whitened
     variance, 2 sigma_m^2; `known` says whether the test knows sigma_m.
@@ -173,15 +176,15 @@ def line_power(
     return noncentral_f_survival(threshold, dof_num, dof_den, noncentrality)
 
 
-def pooled_correlation(sd_m: Reals) -> Reals:
-    """AR(1) coefficient (...) of the noise from all single differences (..., Q, N, R-1) of a window together."""
+def estimate_pooled_correlation(sd_m: Reals) -> Reals:
+    """Estimate the AR(1) coefficient (...) of the noise from all single differences together."""
     *lead, q, n, m = sd_m.shape
     residual = fit_line(sd_m @ difference_whitener(m)).residual
     return estimate_ar1(np.moveaxis(residual, -3, -2).reshape(*lead, n, q * m))
 
 
 def _degrees(shape: tuple[int, ...], tested: Tested, sigma_m: float | None, degrees: Degrees) -> tuple[int, float]:
-    """Of the numerator and the denominator."""
+    """Return the degrees of freedom of the numerator and the denominator."""
     n, m = shape
     receivers = m if degrees == "all" else 1
     return (2 if tested == "line" else 1) * receivers, np.inf if sigma_m is not None else (n - 2) * receivers
@@ -215,9 +218,9 @@ def _pair_statistic(
     flat = fit.residual.reshape(*fit.residual.shape[:-2], n * m)
     same = np.eye(q, dtype=bool)
     # With a known variance nobody asks for the residuals.
-    rss = np.where(same, 1.0, _squared_distances(flat)) if sigma_m is None else np.ones(1)
-    level = _squared_distances(fit.level) if tested == "line" else np.zeros(1)
-    slope = _squared_distances(fit.slope)
+    rss = np.where(same, 1.0, _square_distances(flat)) if sigma_m is None else np.ones(1)
+    level = _square_distances(fit.level) if tested == "line" else np.zeros(1)
+    slope = _square_distances(fit.slope)
     statistic = _statistic(level, slope, rss, fit.gain[..., None], (n, m), tested, sigma_m, constant_sigma_m)
     return np.where(same, 0.0, statistic)
 
@@ -226,8 +229,8 @@ def _line_test(statistic: Reals, dof_num: int, dof_den: float) -> LineTest:
     return LineTest(statistic, f_survival(statistic, dof_num, dof_den), dof_num, dof_den)
 
 
-def _squared_distances(vectors: Reals) -> Reals:
-    """|v_k - v_l|^2 (..., Q, Q) from the Gram matrix of v (..., Q, D), less the mean so that digits are kept."""
+def _square_distances(vectors: Reals) -> Reals:
+    """Compute |v_k - v_l|^2 (..., Q, Q) from the Gram matrix of v (..., Q, D), less the mean."""
     centred = vectors - vectors.mean(axis=-2, keepdims=True)
     gram = centred @ np.swapaxes(centred, -1, -2)
     squares = np.einsum("...kk->...k", gram)
@@ -243,7 +246,7 @@ class CountingRule(NamedTuple):
 
 
 def counting_rule(rejected: Booleans, satellite: Indices, track: Indices, *, k: int = 4) -> CountingRule:
-    """The paper's rule, made exact: remove a measurement that agrees with k - 1 different satellites or more.
+    """Apply the paper's rule, made exact: remove a measurement that agrees with k - 1 satellites or more.
 
     It agrees with satellite l if any double difference that contains it, with any of l's tracks, is not rejected. A
     satellite is usable in a receiver if exactly one of its tracks is left. With k = 4 false signals of three satellites

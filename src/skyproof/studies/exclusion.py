@@ -34,7 +34,7 @@ class FixChoice:
 
 
 def distance_squared(apart: ArrayLike, covariance: ArrayLike) -> Reals:
-    """v^T P^-1 v (...) of vectors (..., d) and covariances (..., d, d)."""
+    """Compute v^T P^-1 v (...) of vectors (..., d) and covariances (..., d, d)."""
     v = np.asarray(apart, np.float64)[..., None]
     return np.asarray(np.sum(v * np.linalg.solve(np.asarray(covariance, np.float64), v), axis=(-2, -1)))
 
@@ -76,7 +76,7 @@ def choose_fix(
 
 
 def wrong_choice_probability(offset_m: ArrayLike, covariance_m2: ArrayLike, fix_covariance_m2: ArrayLike) -> Reals:
-    """Chance (...) that the false one of two fixes `offset_m` (..., d) apart has the smaller d^2.
+    """Compute the chance (...) that the false one of two fixes (..., d) apart has the smaller d^2.
 
     covariance_m2 : (..., d, d) of the navigator; fix_covariance_m2 : (d, d) of each fix, their noises independent.
 
@@ -98,7 +98,7 @@ def wrong_choice_probability(offset_m: ArrayLike, covariance_m2: ArrayLike, fix_
 
 
 def wrong_choice_rule(offset_m: ArrayLike, covariance_m2: ArrayLike) -> Reals:
-    """Chance (...) that the false one of two fixes `offset_m` (..., d) apart has the smaller d^2.
+    """Estimate the chance (...) that the false one of two fixes has the smaller d^2, to first order.
 
     Q(sqrt(D^T P^-1 D) / 2), with P (..., d, d) the sum of the navigator's covariance and that of one fix. The rule of
     thumb: `wrong_choice_probability` to first order in the fixes' noise over their offset.

@@ -19,7 +19,7 @@ from skyproof.statistics.directions import direction_cosines, hemisphere
 from skyproof.studies.arm_angles import arm_angles, full_information
 from skyproof.studies.array_geometry import equilateral_triangle, regular_tetrahedron
 from skyproof.studies.base import Row, Study, StudySettings
-from skyproof.studies.direction_tests import dead_zone
+from skyproof.studies.direction_tests import measure_dead_zone
 
 __all__ = ["STUDIES"]
 
@@ -56,13 +56,15 @@ def array(settings: StudySettings) -> Iterator[Row]:
     azimuths = np.arange(8 if settings.quick else 24) * 2.0 * np.pi / (8 if settings.quick else 24)
     received = hemisphere(4000 if settings.quick else 20_000)
     arrays: Mapping[str, AntennaArray] = settings.arrays or ARRAYS
-    for name, one in arrays.items():
-        elements_cyc = np.asarray(one.elements_m) * [1.0, 1.0, -1.0] / WAVE_M  # up, as directions count
-        known_m = POSITION_SIGMA_M if one.sigma_m is None else one.sigma_m
+    for name, antennas in arrays.items():
+        elements_cyc = np.asarray(antennas.elements_m) * [1.0, 1.0, -1.0] / WAVE_M  # up, as directions count
+        known_m = POSITION_SIGMA_M if antennas.sigma_m is None else antennas.sigma_m
         sigma_cyc = np.full(len(elements_cyc), np.hypot(SIGMA_CYC, known_m / WAVE_M))
         for elevation_deg in range(5, 90, 5):
             predicted = direction_cosines(azimuths, np.radians(elevation_deg))
-            missed = _missed(predicted, received, array_design(elements_cyc), white_covariance(sigma_cyc), wrapped=True)
+            missed = _miss_percent(
+                predicted, received, array_design(elements_cyc), white_covariance(sigma_cyc), wrapped=True
+            )
             yield {
                 "array": name,
                 "antennas": len(elements_cyc),
@@ -72,31 +74,32 @@ def array(settings: StudySettings) -> Iterator[Row]:
 
 
 def arm(settings: StudySettings) -> Iterator[Row]:
-    """The same for a satellite at 30 degrees, by the seconds of ten measurements a second; rate and start known, clocks
-    and motion taken off by a polynomial, reflections as the detector expects them."""
+    """Compute the missed share for a satellite at 30 degrees, by the seconds of ten measurements a second."""
     azimuths = np.arange(8) * 2.0 * np.pi / 8
     predicted = direction_cosines(azimuths, np.radians(ARM_ELEVATION_DEG))
     received = hemisphere(4000 if settings.quick else 20_000)
-    for one in settings.arms or ARMS:
+    for turning_arm in settings.arms or ARMS:
         for seconds in range(2, 31):
             degree = 2 if seconds <= ARRAY.quadratic_lasts_s else 3
-            angle = arm_angles(round(seconds * RATE_HZ), one.rate_rad_s / RATE_HZ)
+            angle = arm_angles(round(seconds * RATE_HZ), turning_arm.rate_rad_s / RATE_HZ)
             sigma_cyc = SIGMA_CYC * np.sqrt(2.0)
-            radius_cyc = one.radius_m / WAVE_M
+            radius_cyc = turning_arm.radius_m / WAVE_M
             information = full_information(angle, radius_cyc=radius_cyc, sigma_cyc=sigma_cyc, degree=degree)
             covariance = np.linalg.inv(information) + 2.0 * (LASTING_CYC / radius_cyc) ** 2 * np.eye(2)
-            missed = _missed(predicted, received, np.eye(3)[:2], np.asarray(covariance, np.float64))
+            missed = _miss_percent(predicted, received, np.eye(3)[:2], np.asarray(covariance, np.float64))
             yield {
-                "arm": one.receiver,
-                "turns": float(abs(one.rate_rad_s) * seconds / (2.0 * np.pi)),
+                "arm": turning_arm.receiver,
+                "turns": float(abs(turning_arm.rate_rad_s) * seconds / (2.0 * np.pi)),
                 "seconds": seconds,
                 "missed_percent": missed,
             }
 
 
-def _missed(predicted: Reals, received: Reals, design: Reals, covariance: Reals, *, wrapped: bool = False) -> float:
-    """Percent of the directions received."""
-    counts = dead_zone(predicted, received, design, covariance, wrapped=wrapped)
+def _miss_percent(
+    predicted: Reals, received: Reals, design: Reals, covariance: Reals, *, wrapped: bool = False
+) -> float:
+    """Return the missed share in percent of the directions received."""
+    counts = measure_dead_zone(predicted, received, design, covariance, wrapped=wrapped)
     return float(100.0 * np.mean(counts) / len(received))
 
 

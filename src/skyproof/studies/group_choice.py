@@ -21,14 +21,14 @@ nothing just where the other way round is true. (They do where both mix two skie
 
     F = (square along baselines / 3(R-1)) / (squares of the noise / their dimensions)
 
-is exactly F if the pairing is of one antenna and the complement has no baseline, and smaller with one, provided that
+is exactly F if the pairing has one antenna and the complement has no baseline, and smaller with one, provided that
 the means' errors are normal, independent and of sigmas in known proportion. Nothing is asked about time: correlated and
 constant errors cancel, of whatever size. That is what a test of means against the scatter over time, as the paper's,
 cannot have. The p-value is the smallest of three, each divided by its share of the rate: Bonferroni's bound, so valid
 always. Of all invariant tests that hold whatever the noise and the baseline, none is more powerful than F with all
 dimensions, 3(R-1) and 2R(K-4) + 3(R-1); what the division costs is the only loss.
 
-With the baseline known the alternative is a point, and one direction decides (`known_baseline_test`). With carrier
+With the baseline known the alternative is a point, and one direction decides (`check_known_baseline`). With carrier
 phases the fractions of cycles decide (`fraction_test`): they need a bound on the error, and are a hundred times
 sharper.
 
@@ -53,11 +53,11 @@ __all__ = [
     "GroupChoice",
     "SkySplit",
     "SpanTest",
+    "check_known_baseline",
+    "check_known_sky",
     "choose",
+    "find_lone_sky",
     "fraction_test",
-    "known_baseline_test",
-    "known_sky_test",
-    "lone_sky",
     "pairings",
     "span_test",
     "split_skies",
@@ -69,7 +69,7 @@ _FIXES, _DIFFERENCES, _ALONE = 0.8, 0.15, 0.05
 
 
 class SkySplit(NamedTuple):
-    """first : (..., K) which track of each satellite is of the first sky; the other is of the second.
+    """first : (..., K) which track of each satellite belongs to the first sky, the other to the second.
     squares : (...) squared residuals of both, 2(K-4) degrees of freedom in units of the variance.
     runner_up : (...) those of the next best split."""
 
@@ -93,18 +93,18 @@ def split_skies(range_m: Reals, unit_enu: Reals) -> SkySplit:
     bits = np.column_stack([np.zeros(len(bits), np.intp), bits])  # the first one's first names the sky
     lowest, gap = range_m[..., 0], range_m[..., 1] - range_m[..., 0]
     first = (lowest @ parity)[..., None, :] + bits.astype(float) @ (gap[..., None] * parity)
-    both = (range_m.sum(axis=-1) @ parity)[..., None, :]
-    squares = np.sum(first**2, axis=-1) + np.sum((both - first) ** 2, axis=-1)
+    total = (range_m.sum(axis=-1) @ parity)[..., None, :]
+    squares = np.sum(first**2, axis=-1) + np.sum((total - first) ** 2, axis=-1)
     two = np.argpartition(squares, 1, axis=-1)[..., :2]
     least = np.sort(np.take_along_axis(squares, two, -1), axis=-1)
     return SkySplit(bits[np.argmin(squares, axis=-1)], least[..., 0], least[..., 1])
 
 
-def lone_sky(range_m: Reals, unit_enu: Reals) -> SkySplit:
-    """The one sky that fits best, where the other tracks need not fit anything: false signals of several antennas.
+def find_lone_sky(range_m: Reals, unit_enu: Reals) -> SkySplit:
+    """Find the one sky that fits best, where the other tracks need not fit anything.
 
-    Arguments as of `split_skies`; all 2^K ways to take one track of each satellite. `squares` and `runner_up` are of
-    the one sky alone, K-4 degrees of freedom. Whether it is the true one is for a known baseline (`known_sky_test`).
+    Arguments as of `split_skies`; all 2^K ways to take one track of each satellite. `squares` and `runner_up` belong to
+    the one sky alone, K-4 degrees of freedom. Whether it is the true one is for a known baseline (`check_known_sky`).
     """
     n = unit_enu.shape[0]
     parity = np.linalg.qr(np.column_stack([unit_enu, np.ones(n)]), mode="complete").Q[:, 4:]
@@ -116,10 +116,10 @@ def lone_sky(range_m: Reals, unit_enu: Reals) -> SkySplit:
     return SkySplit(bits[np.argmin(squares, axis=-1)], least[..., 0], least[..., 1])
 
 
-def known_sky_test(
+def check_known_sky(
     sky_m: Reals, unit_enu: Reals, baseline_enu_m: Reals, variance_m2: ArrayLike, sigma_m: Reals | None = None
 ) -> Reals:
-    """p-value (...) of "this pairing is of the sky over antennas that are known"; variance_m2 (...) of each mean.
+    """Compute the p-value (...) that a pairing comes from the sky over known antennas; variance_m2 (...).
 
     sky_m : (..., K, R). With `sigma_m` (K, R), known up to a factor, the variance is that factor.
     """
@@ -130,7 +130,7 @@ def known_sky_test(
 
 
 def transmit_antennas(difference_m: Reals, sigma_m: ArrayLike, false_alarm_probability: float) -> LineClusters:
-    """From how many antennas false signals come, and which from the same, by differences (..., K) of two receivers.
+    """Cluster false signals by their transmit antennas, by differences (..., K) of two receivers.
 
     Signals of one antenna have the same difference; two antennas at equal difference of distance look as one. The
     probability of finding more antennas than there are is at most `false_alarm_probability`.
@@ -139,7 +139,7 @@ def transmit_antennas(difference_m: Reals, sigma_m: ArrayLike, false_alarm_proba
 
 
 def pairings(receivers: int) -> Indices:
-    """(2^R, R): which of two skies each pairing takes from each receiver; the complement of row g is row -1 - g."""
+    """List which of two skies each pairing takes from each receiver, (2^R, R)."""
     return np.array(list(itertools.product((0, 1), repeat=receivers)), np.intp)
 
 
@@ -171,13 +171,13 @@ def span_test(one_m: Reals, other_m: Reals, unit_enu: Reals, sigma_m: Reals | No
     square, beside, dof = _square(seen.one), _square(seen.other), seen.one.shape[-1]
     fixes, differences = (_f_tail(square, dof, noise + beside, d + dof) for noise, d in (seen.fixes, seen.differences))
     alone = _f_tail(square, dof, *seen.differences)
-    return SpanTest(_smallest(fixes, differences, alone), fixes, differences, alone)
+    return SpanTest(_combine(fixes, differences, alone), fixes, differences, alone)
 
 
-def known_baseline_test(
+def check_known_baseline(
     one_m: Reals, other_m: Reals, unit_enu: Reals, baseline_enu_m: Reals, sigma_m: Reals | None = None
 ) -> Reals:
-    """p-value (...) of "the pairing is of one antenna, and its complement of the sky over antennas that are known".
+    """Compute the p-value (...) of one antenna for a pairing and the sky for its complement.
 
     Three tests as of `span_test`. Two, by fixes and by differences, look where "the other way round" would show: one
     direction, one side of it, Student's t against all else. The third looks at all that baselines span, for pairings
@@ -199,7 +199,7 @@ def known_baseline_test(
         _t_tail(along, noise + np.maximum(square - along**2, 0.0), d + dof - 1)
         for noise, d in (seen.fixes, seen.differences)
     )
-    return _smallest(fixes, differences, _f_tail(square, dof, *seen.differences))
+    return _combine(fixes, differences, _f_tail(square, dof, *seen.differences))
 
 
 class FractionTest(NamedTuple):
@@ -240,10 +240,10 @@ class GroupChoice(NamedTuple):
 
 
 def choose(p_values: Reals, false_alarm_probability: float, *, accept_probability: float = 1e-9) -> GroupChoice:
-    """The one pairing out of p_values (..., G) that is of one antenna, if all others are rejected.
+    """Choose the one pairing out of p_values (..., G) with one antenna, if all others are rejected.
 
     A wrong choice needs the true pairing's p-value to be below `false_alarm_probability`, so it is at most as probable.
-    None is chosen if even the best has less than `accept_probability`: then no pairing is of one antenna.
+    None is chosen if even the best has less than `accept_probability`: then no pairing has one antenna.
     """
     best = np.argmax(p_values, axis=-1)
     two = np.sort(p_values, axis=-1)[..., -2:]
@@ -282,10 +282,10 @@ def _along_baselines(one_m: Reals, other_m: Reals, unit_enu: Reals, sigma_m: Rea
     # With sigmas of a satellite's factor times a receiver's, what is along baselines lies within the fixes; with others
     # it does not, and the noise has to keep clear of it.
     fixed = np.linalg.qr(np.column_stack([position, receiver, baselines])).Q
-    left, size, _ = np.linalg.svd(np.column_stack([fixed, along]))
+    basis, size, _ = np.linalg.svd(np.column_stack([fixed, along]))
     one, other = (table @ along for table in tables)
     noises = []
-    for rest in (left[:, int(np.sum(size > 1e-4)) :], by_differences.Q[:, spanned:]):
+    for rest in (basis[:, int(np.sum(size > 1e-4)) :], by_differences.Q[:, spanned:]):
         noises.append((_square(tables[0] @ rest) + _square(tables[1] @ rest), 2 * rest.shape[1]))
     return _Seen(one, other, by_differences.R[free:spanned, free:], noises[0], noises[1])
 
@@ -302,7 +302,7 @@ def _t_tail(along: Reals, noise: Reals, dof: int) -> Reals:
     return np.asarray(special.stdtr(dof, -along / np.sqrt(np.maximum(noise / dof, 1e-300))), float)
 
 
-def _smallest(fixes: Reals, differences: Reals, alone: Reals) -> Reals:
-    """One p-value by Bonferroni's bound."""
+def _combine(fixes: Reals, differences: Reals, alone: Reals) -> Reals:
+    """Combine p-values to one by Bonferroni's bound."""
     least = np.minimum(np.minimum(fixes / _FIXES, differences / _DIFFERENCES), alone / _ALONE)
     return np.asarray(np.minimum(least, 1.0), float)

@@ -20,7 +20,7 @@ PAPER: Final = (
 
 
 def _percent(column: str, **where: Any) -> Callable[[Sequence[Row]], float]:
-    """The largest of a column, in percent."""
+    """Return the largest of a column, in percent."""
     largest = value_of(column, max, **where)
     return lambda rows: 100.0 * largest(rows)
 

@@ -22,7 +22,7 @@ from skyproof.statistics.directions import direction_cosines, mahalanobis_square
 from skyproof.statistics.distributions import chi_square_threshold, noncentral_chi_square_survival
 from skyproof.studies.array_geometry import blind_directions, equilateral_triangle, single_statistic
 from skyproof.studies.base import Row, StudySettings
-from skyproof.studies.direction_tests import blocks, dead_zone, noncentrality_for_power
+from skyproof.studies.direction_tests import blocks, measure_dead_zone, noncentrality_for_power
 
 __all__ = [
     "ERRORS",
@@ -71,7 +71,7 @@ def _directions(pairs_deg: Sequence[Degrees]) -> Reals:
 
 
 def threshold(settings: StudySettings) -> Iterator[Row]:
-    """Thresholds for some false-alarm probabilities, and what fraction of noise exceeds them."""
+    """Compute thresholds for some false-alarm probabilities, and count what noise exceeds them."""
     noise = settings.rng().multivariate_normal(np.zeros(2), WHITE, settings.count(1_000_000, 100_000))
     statistic = single_statistic(noise, WHITE)
     for p_fa in (0.1, 0.01, 0.001, 0.0001):
@@ -92,8 +92,10 @@ ROC_CASES: Final = (
 
 
 def roc(settings: StudySettings) -> Iterator[Row]:
-    """Figures 5 and 6. Received from (121, 40), as the text has it for Figure 5, gives a detection of 1 throughout:
-    (21, 40) is read."""
+    """Compute figures 5 and 6.
+
+    Received from (121, 40), as the text has it for Figure 5, gives a detection of 1 throughout: (21, 40) is read.
+    """
     for figure, side, predicted, received in ROC_CASES:
         apart = array_design(equilateral_triangle(side)) @ (_directions([predicted]) - _directions([received]))[0]
         noncentrality = float(mahalanobis_squared(apart, WHITE))
@@ -127,7 +129,7 @@ def disc_share(centre: ArrayLike, radius: float) -> Reals:
 
 
 def _radius(side: float) -> float:
-    """Of the disc in which a power of 0.99 is missed: 0.07405 / b."""
+    """Compute the radius of the disc in which a power of 0.99 is missed: 0.07405 / b."""
     return float(np.sqrt(2.0 * noncentrality_for_power(0.99, P_FA, 2)) * SIGMA_CYC / side)
 
 
@@ -144,7 +146,7 @@ def lattice_share(direction: Reals, side: float) -> float:
 
 
 def dead_zones(settings: StudySettings) -> Iterator[Row]:
-    """Received on whole degrees of azimuth and middle elevations, predicted in the middle of blocks of 1 degree.
+    """Measure dead zones received on whole degrees of azimuth and predicted in the middle of blocks.
 
     `max_blocks` of the 32400 have P_D < 0.99 at the worst predicted direction; `solid_angle_fraction` is the true share
     of the hemisphere there. Beside it the same where only fractions of cycles are known.
@@ -156,8 +158,8 @@ def dead_zones(settings: StudySettings) -> Iterator[Row]:
     for side in (1.0, 5.0):
         design = array_design(equilateral_triangle(side))
         # Without whole cycles the azimuth does not matter at all.
-        plain = dead_zone(predicted[:: az_deg.size], received.direction, design, WHITE)
-        wrapped = dead_zone(predicted, received.direction, design, WHITE, wrapped=True)
+        plain = measure_dead_zone(predicted[:: az_deg.size], received.direction, design, WHITE)
+        wrapped = measure_dead_zone(predicted, received.direction, design, WHITE, wrapped=True)
         worst = predicted[plain.argmax() * az_deg.size], predicted[wrapped.argmax()]
         yield {
             "baseline": side,
@@ -171,7 +173,7 @@ def dead_zones(settings: StudySettings) -> Iterator[Row]:
 
 
 def solid_angle(settings: StudySettings) -> Iterator[Row]:
-    """The true share of the hemisphere with P_D < 0.99 against the predicted elevation, azimuth 17 degrees."""
+    """Compute the true share of the hemisphere with P_D < 0.99 against the predicted elevation."""
     for side in (1.0, 5.0):
         for el_deg in np.arange(0.1, 90.0, 0.2):
             direction = _directions([(17.0, float(el_deg))])[0]
@@ -198,7 +200,7 @@ def draw_residuals(
     attitude_sigma_rad: float = 0.0,
     epochs: int = 1,
 ) -> Reals:
-    """Measured minus predicted differences (trials, n, 2), from exact rotations.
+    """Draw measured minus predicted differences (trials, n, 2), from exact rotations.
 
     position_cyc : errors of the antennas (trials, 3, 3) in cycles, the same for all signals. The body is truly level
     and north-bound; the inertial system errs by a small rotation. epochs : that white noise is averaged over.
@@ -219,7 +221,7 @@ def _rates(
     covariance = residual_covariance(
         equilateral_triangle(side), predicted, sigma_cyc=SIGMA_CYC, **(ERRORS if errors else {})
     )
-    own = [covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(predicted))]
+    covariances = [covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(predicted))]
     joint_limit = chi_square_threshold(P_FA, 2 * len(predicted))
     rng, trials = settings.rng(stream), settings.count(50_000, 20_000)
     paper, calibrated, joint = np.zeros(len(predicted)), np.zeros(len(predicted)), 0.0
@@ -229,13 +231,13 @@ def _rates(
         tilt = float(np.sqrt(ERRORS["attitude_covariance_rad2"])) if errors else 0.0
         z = draw_residuals(rng, count, predicted, received, side=side, position_cyc=position, attitude_sigma_rad=tilt)
         paper += np.sum(single_statistic(z, WHITE) > THRESHOLD, axis=0)
-        calibrated += np.sum(single_statistic(z, np.array(own)) > THRESHOLD, axis=0)
+        calibrated += np.sum(single_statistic(z, np.array(covariances)) > THRESHOLD, axis=0)
         joint += float(np.sum(joint_statistic(z, covariance) > joint_limit))
     return paper / trials, calibrated / trials, joint / trials
 
 
 def scenarios(settings: StudySettings) -> Iterator[Row]:
-    """Tables 1 and 2: two places, each satellite's false signal from its own place or all from one.
+    """Compute Tables 1 and 2: two places, each false signal from its own place or all from one.
 
     Tests: `paper` (white noise only in the covariance) and `calibrated` (the errors of antenna positions and attitude
     in it); `sat` "all" is the joint test of the three. Errors: 3 mm per antenna and axis, 0.05 degrees per axis.
@@ -253,13 +255,13 @@ def scenarios(settings: StudySettings) -> Iterator[Row]:
                 found = _rates(settings, 10 * stream + 2 * int(scenario) + errors, predicted, received, errors)
                 apart = (received - predicted) @ design.T
                 for k, sat in enumerate(sats):
-                    own = covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
+                    covariance_of_sat = covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
                     for test, p_d, p_fa in zip(("paper", "calibrated"), found[:2], null[:2], strict=True):
                         yield {
                             "location": location,
                             "scenario": scenario,
                             "sat": sat,
-                            "p_d_theory": _power(apart[k], own, test),
+                            "p_d_theory": _power(apart[k], covariance_of_sat, test),
                             "p_d_simulated": float(p_d[k]),
                             "p_fa_simulated": float(p_fa[k]),
                             "errors": errors,
@@ -280,8 +282,10 @@ def scenarios(settings: StudySettings) -> Iterator[Row]:
 
 
 def _power(apart: Reals, covariance: Reals, test: str) -> float:
-    """The paper's statistic under errors is chi-square stretched by how much they add, the same in all directions but
-    for the attitude's little part."""
+    """Compute the power of a test.
+
+    The paper's statistic under errors is chi-square stretched by how much they add, nearly the same in all directions.
+    """
     stretch = float(np.trace(np.linalg.solve(WHITE, covariance))) / 2.0 if test == "paper" else 1.0
     return float(noncentral_chi_square_survival(THRESHOLD / stretch, 2, mahalanobis_squared(apart, covariance)))
 
@@ -325,7 +329,7 @@ ASSUMPTIONS: Final[dict[str, Callable[[np.random.Generator, int], Reals]]] = {
 
 
 def position_error(settings: StudySettings) -> Iterator[Row]:
-    """False alarms of the paper's test, nominally 1 %, under each meaning of its 3 mm; attitude within 0.05 degrees."""
+    """Count false alarms of the paper's test, nominally 1 %, under each meaning of its 3 mm."""
     trials = settings.count(50_000, 20_000)
     for stream, (assumption, draw) in enumerate(ASSUMPTIONS.items()):
         for side, el_deg in ((1.0, 30.0), (5.0, 30.0), (1.0, 22.0), (1.0, 67.0)):
@@ -359,7 +363,7 @@ SKY_DEG: Final = ((20, 15), (75, 40), (110, 65), (160, 25), (205, 50), (250, 20)
 
 
 def eight(settings: StudySettings) -> Iterator[Row]:
-    """One satellite of eight shifted in elevation: mean power over which one, at 1 %, by formula; false alarms counted.
+    """Compute the mean power for one of eight satellites shifted in elevation, at 1 %.
 
     Tests: `no errors` (the paper's, if there were none), `alone` (calibrated), `conditional` on the others, `joint`.
     """
@@ -373,13 +377,13 @@ def eight(settings: StudySettings) -> Iterator[Row]:
         trials = settings.count(400_000, 50_000)
         noise = (settings.rng(int(side)).standard_normal((trials, 16)) @ root.T).reshape(trials, 8, 2)
         joint = joint_statistic(noise, covariance)
-        given = conditional_statistics(noise, covariance)
+        conditional = conditional_statistics(noise, covariance)
         counted = {
             "no errors": None,
             "alone": float(
                 np.mean([single_statistic(noise[:, k], covariance[blocks_of[k]]) > THRESHOLD for k in range(8)])
             ),
-            "conditional": float(np.mean(given > THRESHOLD)),
+            "conditional": float(np.mean(conditional > THRESHOLD)),
             "joint": float(np.mean(joint > chi_square_threshold(P_FA, 16))),
         }
         for shift_deg in shifts_deg:

@@ -28,7 +28,7 @@ _PRUNED_REPEATS: Final = 20
 
 
 def sets(settings: StudySettings) -> Iterator[Row]:
-    """Which choices of one signal per satellite pass at 0.1 %: how many beside the true and the false one; how fast.
+    """Count which choices of one signal per satellite pass at 0.1 %, and how fast.
 
     attack "position": the false fix lies up-east; "time": all false signals are late by as much. With three signals the
     third is anywhere within 300 m. Satellites are those of the nominal constellation at places and times by chance.
@@ -36,14 +36,14 @@ def sets(settings: StudySettings) -> Iterator[Row]:
     rng = settings.rng()
     skies = _Skies(rng)
     for satellites, signals in ((6, 2), (6, 3), (8, 2), (12, 2), (12, 3)):
-        yield _timed(satellites, signals, skies, rng, settings.count(60, 15))
+        yield _time_sets(satellites, signals, skies, rng, settings.count(60, 15))
     trials = settings.count(1000, 100)
     for satellites in (6, 8):
         for sigma_m in (1.0, 3.0):
             for offset_m in (10.0, 30.0, 60.0, 100.0, 300.0):
-                yield _counted("position", satellites, sigma_m, offset_m, skies, rng, trials)
+                yield _count_sets("position", satellites, sigma_m, offset_m, skies, rng, trials)
     for offset_m in (10.0, 30.0, 100.0):
-        yield _counted("time", 7, 3.0, offset_m, skies, rng, trials)
+        yield _count_sets("time", 7, 3.0, offset_m, skies, rng, trials)
 
 
 class _Skies:
@@ -62,7 +62,7 @@ class _Skies:
             self._seen.append(units[units[:, 2] > np.sin(np.radians(_MASK_DEG))])
 
     def some(self, satellites: int) -> Reals:
-        """(n, 3) of as many satellites, drawn from one sky, in a geometry that a receiver would use."""
+        """Draw (n, 3) of as many satellites from one sky, in a geometry that a receiver would use."""
         while True:
             seen = self._seen[self._rng.integers(len(self._seen))]
             if len(seen) < satellites:
@@ -77,7 +77,7 @@ class _Skies:
 def _misfits(
     units: Reals, signals: int, sigma_m: float, offset_m: float, attack: str, rng: np.random.Generator
 ) -> Reals:
-    """(n, signals): true, false, and any."""
+    """Draw misfits (n, signals): true, false, and any."""
     misfit = sigma_m * rng.standard_normal((len(units), signals))
     misfit[:, 1] += offset_m if attack == "time" else -offset_m * (units @ _DIRECTION_ENU)
     if signals > 2:
@@ -85,7 +85,7 @@ def _misfits(
     return misfit
 
 
-def _timed(satellites: int, signals: int, skies: _Skies, rng: np.random.Generator, repeats: int) -> Row:
+def _time_sets(satellites: int, signals: int, skies: _Skies, rng: np.random.Generator, repeats: int) -> Row:
     took: dict[bool, list[float]] = {True: [], False: []}
     same, passing = True, []
     for repeat in range(repeats + 1):
@@ -117,7 +117,7 @@ def _timed(satellites: int, signals: int, skies: _Skies, rng: np.random.Generato
     )
 
 
-def _counted(
+def _count_sets(
     attack: str, satellites: int, sigma_m: float, offset_m: float, skies: _Skies, rng: np.random.Generator, trials: int
 ) -> Row:
     mixed, pure, groups, pairs, clocks = [], [], [], [], []
@@ -245,7 +245,7 @@ STUDIES: tuple[Study, ...] = (
                 what="numbers of the two passing sets of figure 9",
                 paper="6 and 59 of 64",
                 reference="complements, "
-                "5 + 58 = 63 counted from 0: the numbering is not given, and the almanac's sky is not at hand",
+                "5 + 58 = 63 counted from 0: the numbering is not given, and the almanac's sky is not available",
             ),
         ),
     ),

@@ -31,7 +31,7 @@ class InverseRaim:
 
 
 def clusters(state_m: ArrayLike, covariance_m2: ArrayLike, *, probability: float = 1e-3) -> tuple[Integers, Integers]:
-    """Gather fixes (m, 4), the best first, by place and clock: cluster of each (m,), and the first fix of each cluster.
+    """Cluster fixes (m, 4), the best first, by place and clock: cluster of each (m,), and its first fix.
 
     A fix joins the first cluster whose leader it does not differ from: two independent fixes of one place differ by
     more with `probability` (sets that share signals differ by less).
@@ -51,19 +51,19 @@ def clusters(state_m: ArrayLike, covariance_m2: ArrayLike, *, probability: float
 
 
 def complementary_pair(choice: Integers, several: Booleans) -> tuple[int, int] | None:
-    """The first pair of sets (m, n), best first, that differ in every satellite with `several` (n,) signals."""
+    """Find the first pair of sets (m, n), best first, that differ in every satellite with `several` (n,)."""
     if not several.any():
         return None
-    own = choice[:, several]
-    for first in range(len(own)):
-        other = np.flatnonzero(np.all(own[first + 1 :] != own[first], axis=1))
+    choices = choice[:, several]
+    for first in range(len(choices)):
+        other = np.flatnonzero(np.all(choices[first + 1 :] != choices[first], axis=1))
         if other.size:
             return first, first + 1 + int(other[0])
     return None
 
 
 def timing_only(one_m: Reals, other_m: Reals, covariance_m2: Reals, *, probability: float = 1e-3) -> bool:
-    """Whether two fixes (4,) differ in the clock and not in the place: no inertial unit can tell them apart.
+    """Test whether two fixes (4,) differ in the clock and not in the place.
 
     Both tests by the covariance (4, 4) of each: a true difference of place passes for none with the tests' power only.
     """
@@ -77,7 +77,7 @@ def timing_only(one_m: Reals, other_m: Reals, covariance_m2: Reals, *, probabili
 def inverse_raim(
     unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike = 1.0, *, false_alarm_probability: float = 1e-3
 ) -> InverseRaim:
-    """All passing sets, their fixes and clusters; arguments as for `find_passing_sets`."""
+    """Find all passing sets, their fixes and clusters; arguments as for `passing_sets`."""
     misfit = np.atleast_2d(np.asarray(misfit_m, np.float64))
     sets = find_passing_sets(unit, misfit, sigma_m, false_alarm_probability=false_alarm_probability)
     state, covariance = set_states(unit, misfit, sigma_m, sets.choice)
@@ -99,8 +99,10 @@ def inverse_raim(
 
 
 def innovations(unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike, choice: Integers) -> Reals:
-    """Each signal (n, c) against the fix of the set `choice` (n,), over its sigma: standard normal for a signal of that
-    sky outside the set. NaN for the set's own signals."""
+    """Compute each signal (n, c) against the fix of the set `choice` (n,), over its sigma.
+
+    NaN for the set's own signals.
+    """
     design = design_matrix(np.asarray(unit, np.float64))
     misfit = np.array(np.atleast_2d(misfit_m), np.float64)
     n = len(misfit)

@@ -45,18 +45,18 @@ class LinearModel(NamedTuple):
     fitted: Reals
 
     def white(self, values: Reals) -> Reals:
-        """Values (..., N) with errors of covariance s^2."""
+        """Whiten values (..., N) with errors of covariance s^2."""
         return values if self.whitener is None else values @ self.whitener.T
 
 
 def linear_model(
     tested: ArrayLike, nuisance: ArrayLike | None = None, covariance: ArrayLike | None = None
 ) -> LinearModel:
-    """The columns A (N, r) that are tested, B (N, q) that are free, and C (N, N), of full rank.
+    """Build the model of the columns A (N, r) that are tested, B (N, q) that are free, and C (N, N).
 
     Raises
     ------
-    ValueError : columns of A and B depend on each other, so that H0 says nothing of them.
+    ValueError : columns of A and B depend on each other, so that H0 does not determine them.
     """
     a = np.asarray(tested, float)
     b = np.zeros((a.shape[0], 0)) if nuisance is None else np.asarray(nuisance, float)
@@ -86,12 +86,12 @@ def linear_test(values: Reals, model: LinearModel, sigma: float | None = None) -
 
 
 def linear_noncentrality(mean: Reals, model: LinearModel, sigma: float) -> Reals:
-    """Noncentrality (...) of the test where the values are mean (..., N) and errors."""
+    """Compute the noncentrality (...) of the test where the values are mean (..., N) and errors."""
     return np.asarray(np.sum((model.white(mean) @ model.tested) ** 2, axis=-1) / sigma**2, float)
 
 
 def linear_power(false_alarm_probability: ArrayLike, noncentrality: ArrayLike, dof_num: int, dof_den: float) -> Reals:
-    """Power of a test at a false alarm probability; absolute accuracy 1e-10. dof_den may be infinite."""
+    """Compute the power of a test at a false alarm probability; absolute accuracy 1e-10. dof_den may be infinite."""
     threshold = f_threshold(false_alarm_probability, dof_num, dof_den)
     if np.isinf(dof_den):
         return noncentral_chi_square_survival(dof_num * threshold, dof_num, noncentrality)

@@ -53,8 +53,8 @@ class FalseShift:
     """What the false signals show beside the truth, from an onset on.
 
     onset_s : elapsed time from which on; 0 or less where the log begins under attack. jump_enu_m, velocity_enu_m_s :
-    by how much the place is off at once, and how fast it goes on, (3,). acceleration_m_s2 : at which that speed is
-    reached; infinite at once. clock_s, clock_drift : likewise of the time, positive where the receiver's clock seems
+    by how much the place is off at once, and how fast it moves, (3,). acceleration_m_s2 : at which that speed is
+    reached; infinite at once. clock_s, clock_drift : the same of the time, positive where the receiver's clock seems
     ahead. power_db : by which signals are stronger. breaks : carriers are lost and found again at the onset.
     """
 
@@ -130,7 +130,7 @@ def true_place_ecef_m(o: Observations, navigation: NavigationData) -> Reals:
     """
     signals = select_primary_signals(o)
     if not signals:
-        raise ValueError(f"{o.receiver}: no signals of which a place can be made")
+        raise ValueError(f"{o.receiver}: no signals that give a place")
     found = fix(o, navigation, signals=signals, multipath_sigma_m=1.0, false_alarm_probability=1e-4)
     good = np.flatnonzero(np.isfinite(found.position_ecef_m).all(axis=1))
     if not good.size:
@@ -148,16 +148,16 @@ def delay_m(
     NaN where there is no range or no orbit.
     """
 
-    def modelled_m(pseudorange_m: Reals, ecef_m: Reals) -> Reals:
+    def compare_with_model_m(pseudorange_m: Reals, ecef_m: Reals) -> Reals:
         """Return the range that is left, and the one that geometry gives."""
         ranges = correct_ranges(o.signals, o.gpst, pseudorange_m, navigation, with_unknown_delay=True)
         _, _, distance_m = compute_line_of_sight(ranges.satellite_ecef_m, ecef_m)
         return np.asarray(ranges.range_m - distance_m)
 
-    true_m = modelled_m(o.pseudorange_m, place_ecef_m)
+    true_m = compare_with_model_m(o.pseudorange_m, place_ecef_m)
     longer_m = np.where(np.isfinite(true_m), 0.0, np.nan)
     for _ in range(_ROUNDS):
-        shown_m = modelled_m(o.pseudorange_m + longer_m, false_ecef_m)
+        shown_m = compare_with_model_m(o.pseudorange_m + longer_m, false_ecef_m)
         longer_m = longer_m - (shown_m - true_m - clock_m[:, None])
     return longer_m
 
@@ -224,7 +224,7 @@ def put_jamming(o: Observations, jamming: Jamming, rng: np.random.Generator) -> 
         spread = np.nan_to_num(getattr(o, sigma))
         cells[name] = getattr(o, name) + rng.standard_normal(o.status.shape) * spread * added
         cells[sigma] = getattr(o, sigma) * noisier
-    return _emptied(replace(o, **cells), lost)
+    return _empty_cells(replace(o, **cells), lost)
 
 
 def put_tearing(true: Observations, false: Observations, tearing: Tearing, rng: np.random.Generator) -> Observations:
@@ -265,7 +265,7 @@ def put_tearing(true: Observations, false: Observations, tearing: Tearing, rng: 
     range_m = cells["pseudorange_m"] + code_m
     range_m = np.where(cycles, range_m / wavelength_m, np.where(negative, range_m - 4.0e7, range_m))
     cells["pseudorange_m"] = range_m
-    torn_o = _emptied(replace(true, status=status.astype(np.uint8), **cells), ~kept & np.isfinite(range_m))
+    torn_o = _empty_cells(replace(true, status=status.astype(np.uint8), **cells), ~kept & np.isfinite(range_m))
     read, implausible = leave_out_impossible(
         {name: getattr(torn_o, name) for name in LETTERS},
         signals=torn_o.signals,
@@ -283,7 +283,7 @@ def drop_carriers(o: Observations) -> Observations:
     return replace(o, **dict[str, Any](dict.fromkeys(names, none)))
 
 
-def _emptied(o: Observations, lost: Booleans) -> Observations:
+def _empty_cells(o: Observations, lost: Booleans) -> Observations:
     """Return measurements without those that are lost; what is found again begins with a slip."""
     cells: dict[str, Any] = {name: np.where(lost, np.nan, getattr(o, name)) for name in OBSERVABLES}
     status = np.where(lost, np.uint8(CellStatus.NOT_TRACKED), o.status)

@@ -29,14 +29,14 @@ from skyproof.studies.multi_receiver_scene import (
     SATS,
     Groups,
     Kept,
+    bound_decided,
     carrier_decision,
-    errors_of,
+    compute_ranges,
+    draw_errors,
     geometries,
     group_decision,
     mean_variance_m2,
-    most_decided,
     paper_decision,
-    ranges_of,
     split,
 )
 from skyproof.studies.roc import count_interval
@@ -83,7 +83,7 @@ def _false_alarm(settings: StudySettings) -> Iterator[Row]:
 
 
 def _counts(receivers: int, n: int, trials: int, rng: np.random.Generator) -> dict[tuple[str, str, float], int]:
-    """False pairs that are not recognised; the paper's P_FA."""
+    """Count false pairs that are not recognised; the paper's P_FA."""
     counts: dict[tuple[str, str, float], int] = {}
     chunk = max(1, _CHUNK // (n * receivers))
     for first in range(0, trials, chunk):
@@ -107,7 +107,7 @@ def _mean(key: str, **wanted: Any) -> Callable[[Sequence[Row]], float]:
 
 
 def _worst_rate(nominal: float) -> Callable[[Sequence[Row]], float]:
-    """The rate farthest from the nominal one, as a multiple of it."""
+    """Return the rate farthest from the nominal one, as a multiple of it."""
 
     def ratio(rows: Sequence[Row]) -> float:
         ratios = [row["p_fa"] / nominal for row in rows_where(rows, form="corrected", nominal=nominal)]
@@ -117,7 +117,7 @@ def _worst_rate(nominal: float) -> Callable[[Sequence[Row]], float]:
 
 
 def _by_count(nominal: float) -> Callable[[Sequence[Row]], float]:
-    """A fifth, or four standard deviations of the count where it is too short for that: 36 rates are looked at."""
+    """Allow a fifth, or four standard deviations of a shorter count: 36 rates are compared."""
     return lambda rows: max(0.2, 4.0 / np.sqrt(nominal * rows[0]["trials"]))
 
 
@@ -188,7 +188,7 @@ LAX = "_1_percent"
 
 
 def _windows(settings: StudySettings, window_s: int) -> int:
-    """For each sky."""
+    """Return the number of windows for each sky."""
     skies = len(geometries())
     each = settings.count(3200, 64) // skies
     return max(1, each if settings.trials is not None else min(each, EPOCHS // window_s // skies))
@@ -201,7 +201,7 @@ def _distance(settings: StudySettings) -> Iterator[Row]:
             rng = settings.rng(1000 + 10 * index + other)
             drawn = [(_errors(noise, shape, rng), CARRIER_PER_CODE * _errors(noise, shape, rng)) for _ in geometries()]
             for pair, (distance_m, direction, names) in PAIRS.items():
-                for row in _judged(names, window_s, noise, drawn):
+                for row in _judge(names, window_s, noise, drawn):
                     yield {"pair": pair, "distance_m": distance_m, "direction": direction, **row}
     for pair, window_s, noise, detector in _cells_through_protect(quick=settings.quick):
         distance_m, direction, names = PAIRS[pair]
@@ -210,7 +210,7 @@ def _distance(settings: StudySettings) -> Iterator[Row]:
 
 
 def _cells_through_protect(*, quick: bool) -> Iterator[tuple[str, int, str, str]]:
-    """Pair, window, noise, and what the user gives: what the claims ask for."""
+    """Yield pair, window, noise, and what the user gives: what the claims ask for."""
     shared = [(pair, w, noise, PROTECT) for pair in PAIRS for w in PROTECT_WINDOWS_S for noise in _WHITE]
     asked = [
         (pair, w, noise, d) for pair, w in (("6", 15), ("4", 30)) for noise in NOISES for d in (PROTECT, PROTECT_KNOWN)
@@ -223,7 +223,7 @@ def _cells_through_protect(*, quick: bool) -> Iterator[tuple[str, int, str, str]
 def _by_protect(
     names: tuple[str, ...], window_s: int, noise: str, detector: str, settings: StudySettings
 ) -> dict[str, Any]:
-    """What the command answers, over four of the skies; over one if quick."""
+    """Count what the command answers, over four of the skies; over one if quick."""
     found: list[Judged] = []
     for sky in PROTECT_SKIES[:1] if settings.quick else PROTECT_SKIES:
         rng = settings.rng(8000 + 100 * sky + window_s)
@@ -233,24 +233,27 @@ def _by_protect(
         "detector": detector,
         "method": "protect",
         "noise": noise,
-        "authenticated_mean": float(np.mean([one.true for one in found])),
-        "wrong_mean": float(np.mean([one.false for one in found])),
-        "spoofed_share": float(np.mean([one.word == "spoofed" for one in found])),
+        "authenticated_mean": float(np.mean([judged.true for judged in found])),
+        "wrong_mean": float(np.mean([judged.false for judged in found])),
+        "spoofed_share": float(np.mean([judged.word == "spoofed" for judged in found])),
         "windows": len(found),
     }
 
 
 def _errors(noise: str, shape: tuple[int, ...], rng: np.random.Generator) -> Reals:
-    return errors_of(NOISES[noise], shape, rng)
+    return draw_errors(NOISES[noise], shape, rng)
 
 
-def _judged(
+def _judge(
     names: tuple[str, ...], window_s: int, noise: str, drawn: Sequence[tuple[Reals, Reals | None]]
 ) -> Iterator[Row]:
-    """A row a detector, over all skies. drawn : for each of them errors of code and, if it is judged, of carrier."""
+    """Yield a row per detector, over all skies.
+
+    drawn : for each of them errors of code and, if it is judged, of carrier.
+    """
     for detector, each in _decisions(names, window_s, drawn):
-        ours = [one for one in each if isinstance(one, Groups)]
-        kept = [one.kept(ALPHA_OURS) if isinstance(one, Groups) else one for one in each]
+        ours = [decision for decision in each if isinstance(decision, Groups)]
+        kept = [decision.count_kept(ALPHA_OURS) if isinstance(decision, Groups) else decision for decision in each]
         row: dict[str, Any] = {
             "window_s": window_s,
             "detector": detector,
@@ -258,21 +261,21 @@ def _judged(
             "noise": noise,
             **_means(kept),
         }
-        means = [float(one.true.mean()) for one in kept]
+        means = [float(decision.true.mean()) for decision in kept]
         row["authenticated_sem"] = float(np.std(means, ddof=1) / np.sqrt(len(means))) if len(means) > 1 else None
         row["stated"] = ALPHA_OURS if ours else None
-        row |= _most(detector, names, window_s, noise, ALPHA_OURS)
-        lax = _means([one.kept(ALPHA_PAPER) for one in ours]) if ours else dict.fromkeys(_means(kept))
+        row |= _bound_mean(detector, names, window_s, noise, ALPHA_OURS)
+        lax = _means([decision.count_kept(ALPHA_PAPER) for decision in ours]) if ours else dict.fromkeys(_means(kept))
         lax.pop("windows")
-        lax |= _most(detector, names, window_s, noise, ALPHA_PAPER)
+        lax |= _bound_mean(detector, names, window_s, noise, ALPHA_PAPER)
         yield row | {f"{key}{LAX}": value for key, value in lax.items()}
 
 
 def _decisions(
     names: tuple[str, ...], window_s: int, drawn: Sequence[tuple[Reals, Reals | None]]
 ) -> Iterator[tuple[str, Sequence[Kept | Groups]]]:
-    """A decision for each sky."""
-    exact_m = [ranges_of(sky, names, window_s) for sky in geometries()]
+    """Yield each detector's decision for each sky."""
+    exact_m = [compute_ranges(sky, names, window_s) for sky in geometries()]
     code_m = [exact + code for exact, (code, _) in zip(exact_m, drawn, strict=True)]
     carrier_m = [exact + carrier for exact, (_, carrier) in zip(exact_m, drawn, strict=True) if carrier is not None]
     yield "1b", list(_by_the_paper(code_m, "line"))
@@ -283,11 +286,11 @@ def _decisions(
     yield UNKNOWN, (groups := [group_decision(sky) for sky in skies])
     yield KNOWN, [group_decision(sky, places_m) for sky in skies]
     if carrier_m:
-        yield CARRIER, [carrier_decision(one, ranges_m) for one, ranges_m in zip(groups, carrier_m, strict=True)]
+        yield CARRIER, [carrier_decision(group, ranges_m) for group, ranges_m in zip(groups, carrier_m, strict=True)]
 
 
 def _by_the_paper(ranges_m: Sequence[Reals], tested: Tested) -> Iterator[Kept]:
-    """The paper's rule does not look at the sky, so that short counts of several skies go in one call."""
+    """Decide by the paper's rule, which needs no sky: short counts of several skies go in one call."""
     together = max(1, 1_000_000 // ranges_m[0].size)
     for first in range(0, len(ranges_m), together):
         chunk = ranges_m[first : first + together]
@@ -296,24 +299,26 @@ def _by_the_paper(ranges_m: Sequence[Reals], tested: Tested) -> Iterator[Kept]:
 
 
 def _means(found: Sequence[Kept]) -> dict[str, Any]:
-    true, false = (np.concatenate([getattr(one, name) for one in found]) for name in ("true", "false"))
+    true, false = (np.concatenate([getattr(decision, name) for decision in found]) for name in ("true", "false"))
     return {"authenticated_mean": float(true.mean()), "wrong_mean": float(false.mean()), "windows": int(true.size)}
 
 
-def _most(detector: str, names: tuple[str, ...], window_s: int, noise: str, rate: float) -> dict[str, float | None]:
-    """The mean of signals that no test of the means can exceed at this rate: with their sigma given, and without."""
+def _bound_mean(
+    detector: str, names: tuple[str, ...], window_s: int, noise: str, rate: float
+) -> dict[str, float | None]:
+    """Compute the mean of signals that no test of the means can exceed at this rate."""
     if detector not in (UNKNOWN, KNOWN):
         return {"authenticated_bound": None, "authenticated_bound_noise_unknown": None}
     variance_m2 = mean_variance_m2(NOISES[noise], window_s)
-    most = most_decided(names, window_s, variance_m2, rate, known=detector == KNOWN)
+    largest = bound_decided(names, window_s, variance_m2, rate, known=detector == KNOWN)
     return {
-        "authenticated_bound": SATS * most.noise_given,
-        "authenticated_bound_noise_unknown": SATS * most.noise_unknown,
+        "authenticated_bound": SATS * largest.noise_given,
+        "authenticated_bound_noise_unknown": SATS * largest.noise_unknown,
     }
 
 
 def _share(key: str, pair: str, window_s: int, detector: str, noise: str) -> Callable[[Sequence[Row]], float]:
-    """Of windows with all seven: groups are kept whole or not at all."""
+    """Return the share of windows with all seven: groups are kept whole or not at all."""
     mean = _mean(key, pair=pair, window_s=window_s, detector=detector, noise=noise)
     return lambda rows: mean(rows) / SATS
 
@@ -327,15 +332,15 @@ def _least(method: str, detector: str, noises: Sequence[str], window_s: int, pai
 
 
 def _mean_least(pair: str, window_s: int) -> Callable[[Sequence[Row]], float]:
-    """Of what `protect` keeps, in the noise in which it keeps least."""
+    """Return the mean of what `protect` keeps, in the noise in which it keeps least."""
     means = [_mean("authenticated_mean", pair=pair, window_s=window_s, detector=PROTECT, noise=n) for n in _WHITE]
     return lambda rows: min(mean(rows) for mean in means)
 
 
-def _most_wrong(method: str, noises: Sequence[str], pairs: Sequence[str], detector: str | None = None) -> Any:
-    """Of signals, on average, per signal that could be wrong."""
+def _largest_wrong_share(method: str, noises: Sequence[str], pairs: Sequence[str], detector: str | None = None) -> Any:
+    """Return the largest mean share of wrong signals, per signal that could be wrong."""
 
-    def most(rows: Sequence[Row]) -> float:
+    def largest(rows: Sequence[Row]) -> float:
         return (
             max(
                 float(row["wrong_mean"])
@@ -345,11 +350,11 @@ def _most_wrong(method: str, noises: Sequence[str], pairs: Sequence[str], detect
             / SATS
         )
 
-    return most
+    return largest
 
 
-def _pooled_wrong(key: str, **wanted: Any) -> Callable[[Sequence[Row]], float]:
-    """Share of wrong signals of our detector that has most, all its cells of these together."""
+def _pool_wrong_share(key: str, **wanted: Any) -> Callable[[Sequence[Row]], float]:
+    """Return the share of wrong signals of our worst detector, all its cells together."""
 
     def share(rows: Sequence[Row]) -> float:
         cells = [rows_where(rows, detector=detector, **wanted) for detector in (UNKNOWN, KNOWN, CARRIER)]
@@ -365,8 +370,8 @@ def _wrong_by_protect(noise: str) -> Callable[[Sequence[Row]], float]:
     return lambda rows: mean(rows) / SATS
 
 
-def _most_by_count(rate: float, **wanted: Any) -> Callable[[Sequence[Row]], float]:
-    """The share that a count at this rate exceeds with a chance of 0.1 %."""
+def _bound_share(rate: float, **wanted: Any) -> Callable[[Sequence[Row]], float]:
+    """Return the share that a count at this rate exceeds with a chance of 0.1 %."""
 
     def share(rows: Sequence[Row]) -> float:
         windows = sum(row["windows"] for row in rows_where(rows, **wanted))
@@ -395,7 +400,7 @@ _KEPT_1B = {  # pair, noise: kept of 7 at 10, 30, 60, 120 s by an independent si
 }
 
 
-def _kept_claim(case: str, value: float, **where: Any) -> Claim:
+def _make_claim(case: str, value: float, **where: Any) -> Claim:
     return Claim(
         what=f"1b, {case}",
         across=f"{where['window_s']} s",
@@ -409,28 +414,27 @@ def _kept_claim(case: str, value: float, **where: Any) -> Claim:
 
 
 def _scatter(**wanted: Any) -> Callable[[Sequence[Row]], float]:
-    """How far two means over different skies may be apart: 0.2, or two standard errors of their difference
-    where skies differ by more."""
+    """Return how far two means over different skies may be apart."""
     sem = _mean("authenticated_sem", **wanted)
     return lambda rows: float(max(0.2, 2.0 * np.sqrt(2.0) * sem(rows)))
 
 
-def _kept_figures() -> Iterator[tuple[dict[str, Any], float]]:
+def _list_figures() -> Iterator[tuple[dict[str, Any], float]]:
     for (pair, noise), values in _KEPT_1B.items():
         for window_s, value in zip((10, 30, 60, 120), values, strict=True):
             yield {"pair": pair, "noise": noise, "window_s": window_s}, value
 
 
-def _kept_claims() -> Iterator[Claim]:
-    for where, value in _kept_figures():
+def _list_claims() -> Iterator[Claim]:
+    for where, value in _list_figures():
         distance_m, direction, _ = PAIRS[where["pair"]]
         sigma_m = NOISES[where["noise"]].sigma_m
-        yield _kept_claim(f"{distance_m:g} m {direction}, {sigma_m:g} m, white", value, **where)
+        yield _make_claim(f"{distance_m:g} m {direction}, {sigma_m:g} m, white", value, **where)
 
 
 def _beyond(rows: Sequence[Row]) -> float:
-    """How many figures of 1b are more than 0.2 off."""
-    kept = (_mean("authenticated_mean", detector="1b", **where)(rows) - value for where, value in _kept_figures())
+    """Count the figures of 1b that are more than 0.2 off."""
+    kept = (_mean("authenticated_mean", detector="1b", **where)(rows) - value for where, value in _list_figures())
     return sum(abs(off) > 0.2 for off in kept)
 
 
@@ -493,9 +497,9 @@ DISTANCE = Study(
               same=_least("paper", "1b", _WHITE, 30, ("6",)), better=_least("skyproof", UNKNOWN, _WHITE, 30, ("6",)),
               protect=_mean_least("6", 30)),
         Claim(what="most false signals kept from 10 m on, share, white noise of 1 to 2 m, code", paper=0.0,
-              same=_most_wrong("paper", _WHITE, ("5", "6", "7", "8", "1"), "1b"),
-              better=_most_wrong("skyproof", _WHITE, ("5", "6", "7", "8", "1"), UNKNOWN),
-              protect=_most_wrong("protect", _WHITE, ("5", "6", "7", "8", "1"), PROTECT),
+              same=_largest_wrong_share("paper", _WHITE, ("5", "6", "7", "8", "1"), "1b"),
+              better=_largest_wrong_share("skyproof", _WHITE, ("5", "6", "7", "8", "1"), UNKNOWN),
+              protect=_largest_wrong_share("protect", _WHITE, ("5", "6", "7", "8", "1"), PROTECT),
               tolerance=lambda rows: max(0.002, 2.0 / min(r["windows"] for r in rows if r["detector"] == "1b") / SATS)),
         Claim(what="false signals kept by the paper's rule at 20 m, 30 s, AR(1) 0.9, of 7", paper="not considered",
               reference=6.0, same=_mean("wrong_mean", pair="6", window_s=30, detector="1b", noise="AR(1) 0.9"),
@@ -510,20 +514,21 @@ DISTANCE = Study(
               protect=_share("authenticated_mean", "3", 10, PROTECT, "white"), digits=5),
         *(
             Claim(what=f"wrong signals of ours, share of all windows, {noise}; stated: at most {rate:g}",
-                  paper="not stated", reference=0.0, better=_pooled_wrong(f"wrong_mean{end}", noise=noise),
+                  paper="not stated", reference=0.0, better=_pool_wrong_share(f"wrong_mean{end}", noise=noise),
                   protect=_wrong_by_protect(noise), tolerance=rate)
             for end, rate in (("", ALPHA_OURS), (LAX, ALPHA_PAPER)) for noise in NOISES
         ),
         *(
             Claim(what=f"the same at 1 m in 15 s, all noises, where little is distinguished; stated: at most {rate:g}",
-                  paper="not stated", reference=0.0, better=_pooled_wrong(f"wrong_mean{end}", pair="3", window_s=15),
-                  tolerance=_most_by_count(rate, detector=UNKNOWN, pair="3", window_s=15))
+                  paper="not stated", reference=0.0,
+                  better=_pool_wrong_share(f"wrong_mean{end}", pair="3", window_s=15),
+                  tolerance=_bound_share(rate, detector=UNKNOWN, pair="3", window_s=15))
             for end, rate in (("", ALPHA_OURS), (LAX, ALPHA_PAPER))
         ),
         Claim(what="figures of 1b more than 0.2 off the reference, of the 64 that follow (tolerance: 0.2, or two "
                    "standard errors of the difference of two means over 16 skies)",
               same=_beyond, paper="curve", reference="0; sixteen other skies"),
-        *_kept_claims(),
+        *_list_claims(),
         Claim(what="Figure 5, dip at 35 m against 20 m", paper="dip",
               reference="cannot be made again: the almanac is not given, and the mean over sixteen skies has none"),
         Claim(what="Figure 5, powers of -3 to +20 dB", paper="curves",
@@ -552,7 +557,7 @@ def _receivers(settings: StudySettings) -> Iterator[Row]:
                     "receivers": " ".join(str(number) for number in numbers),
                     "n_receivers": len(names),
                 }
-                for row in _judged(names, window_s, noise, drawn):
+                for row in _judge(names, window_s, noise, drawn):
                     yield {**which, **row}
                 if window_s in (5, 10) or (window_s in PROTECT_WINDOWS_S and not settings.quick):
                     yield which | _by_protect(names, window_s, noise, PROTECT, settings)
@@ -570,7 +575,7 @@ def _group_claims() -> Iterator[Claim]:
     for (numbers, noise), values in _KEPT_GROUPS.items():
         for window_s, value in zip(GROUP_WINDOWS_S, values, strict=True):
             case = f"receivers {numbers.replace(' ', ', ')}, {window_s} s, {NOISES[noise].sigma_m:g} m, white"
-            yield _kept_claim(case, value, noise=noise, receivers=numbers, window_s=window_s)
+            yield _make_claim(case, value, noise=noise, receivers=numbers, window_s=window_s)
 
 
 RECEIVERS = Study(
@@ -608,7 +613,7 @@ def _time_tags(settings: StudySettings) -> Iterator[Row]:
                 "offset_s": offset_s,
                 "drift": 0.0,
                 "n": n,
-                **_missed(dd_m, "line", 1.0, trials, settings.rng(3000 + 10 * n + index)),
+                **_count_missed(dd_m, "line", 1.0, trials, settings.rng(3000 + 10 * n + index)),
             }
         for index, drift in enumerate(_DRIFTS):
             dd_m = np.asarray(RATE_M_S * drift * seconds, float)
@@ -617,12 +622,12 @@ def _time_tags(settings: StudySettings) -> Iterator[Row]:
                 "offset_s": 1e-4,
                 "drift": drift,
                 "n": n,
-                **_missed(dd_m, "slope", CARRIER_PER_CODE, trials, settings.rng(6000 + 10 * n + index)),
+                **_count_missed(dd_m, "slope", CARRIER_PER_CODE, trials, settings.rng(6000 + 10 * n + index)),
             }
 
 
-def _missed(dd_m: Reals, tested: Tested, sigma_m: float, trials: int, rng: np.random.Generator) -> dict[str, Any]:
-    """How often a false pair with this error of its time tags is not recognised at 1 %."""
+def _count_missed(dd_m: Reals, tested: Tested, sigma_m: float, trials: int, rng: np.random.Generator) -> dict[str, Any]:
+    """Count how often a false pair with this error of its time tags is not recognised at 1 %."""
     n, count = dd_m.size, 0
     threshold = f_threshold(ALPHA_PAPER, 2 if tested == "line" else 1, n - 2)
     chunk = _CHUNK // n

@@ -65,13 +65,13 @@ def judge_sky(
         carrier_sigma_cyc=CARRIER_PER_CODE * noise.sigma_m / WAVELENGTH_M,
     )
     observed, truth = simulate_observations(scenario, navigation, rng=rng, noise=errors)
-    given: dict[str, Any] = {"antennas_enu_m": {name: tuple(PLACES[name]) for name in names}} if places_given else {}
-    outcome, _ = judge([_reception(one) for one in observed], navigation, Settings(**given), Silent())
-    last = {one.receiver: one.gpst.size - 1 for one in observed}
+    places: dict[str, Any] = {"antennas_enu_m": {name: tuple(PLACES[name]) for name in names}} if places_given else {}
+    outcome, _ = judge([_reception(item) for item in observed], navigation, Settings(**places), Silent())
+    last = {item.receiver: item.gpst.size - 1 for item in observed}
     counts = dict.fromkeys(("authentic", "spoofed"), 0)
-    for one in outcome.decision.labels:
-        if one.label == "authentic" and one.last_epoch == last[one.ref.receiver]:
-            counts[truth[one.ref]] += 1
+    for item in outcome.decision.labels:
+        if item.label == "authentic" and item.last_epoch == last[item.ref.receiver]:
+            counts[truth[item.ref]] += 1
     return Judged(counts["authentic"] / len(names), counts["spoofed"] / len(names), outcome.decision.verdict)
 
 
@@ -104,7 +104,7 @@ def _place(enu_m: Reals) -> dict[str, Any]:
 
 
 def _reception(observed: Observations) -> Reception:
-    """As of a receiver that measured it; there are no samples."""
+    """Build the reception of a receiver that measured it; there are no samples."""
     source = Samples(
         name=observed.receiver, rate_hz=1.0, n_samples=0, read=lambda start, count: np.empty((2, 0), np.float32)
     )

@@ -26,11 +26,11 @@ from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.orbits import compute_satellite_state_s
 from skyproof.gnss.time import week_and_tow
 from skyproof.statistics.distributions import f_threshold, noncentral_f_survival
-from skyproof.studies.double_difference import Tested, counting_rule, pairs_rejected
+from skyproof.studies.double_difference import Tested, counting_rule, reject_pairs
 from skyproof.studies.group_choice import (
+    check_known_baseline,
     choose,
     fraction_test,
-    known_baseline_test,
     pairings,
     span_test,
     split_skies,
@@ -53,14 +53,14 @@ __all__ = [
     "Noise",
     "SatelliteTracks",
     "Split",
+    "bound_decided",
     "carrier_decision",
-    "errors_of",
+    "compute_ranges",
+    "draw_errors",
     "geometries",
     "group_decision",
     "mean_variance_m2",
-    "most_decided",
     "paper_decision",
-    "ranges_of",
     "skies",
     "split",
 ]
@@ -111,8 +111,10 @@ class SatelliteTracks(NamedTuple):
     sat_enu_m: Reals
 
     def unit_enu(self, window_s: int) -> Reals:
-        """(7, 3) receiver to satellite, mean over the window: false positions 500 m away would feel the middle of a
-        longer one by metres."""
+        """Return the unit vectors (7, 3) from receiver to satellite, mean over the window.
+
+        False positions 500 m away would feel the middle of a longer one by metres.
+        """
         return np.asarray(_units(self.sat_enu_m[:window_s]).mean(axis=0))
 
 
@@ -138,9 +140,8 @@ class Groups(NamedTuple):
     first_is_false: Booleans
     p_values: Reals
 
-    def kept(self, rate: float = ALPHA_OURS) -> Kept:
-        """What the complement of the chosen pairing holds, if a choice may be wrong at this rate; nothing where none
-        was chosen."""
+    def count_kept(self, rate: float = ALPHA_OURS) -> Kept:
+        """Count what the complement of the chosen pairing holds, at a rate of wrong choices; else nothing."""
         which = choose(self.p_values, rate).which
         kept_sky = 1 - pairings(self.first_is_false.shape[2])[np.maximum(which, 0)]  # (W, R)
         false = self.first_is_false ^ (kept_sky[:, None, :] == 1)
@@ -158,7 +159,7 @@ class Bound(NamedTuple):
 
 @lru_cache(maxsize=1)
 def skies() -> tuple[tuple[np.datetime64, tuple[Ephemeris, ...]], ...]:
-    """Sixteen times at which seven satellites are above 10 degrees, as far apart as they come, and their orbits."""
+    """Find sixteen times with seven satellites above 10 degrees, far apart, and their orbits."""
     times = [_FIRST + np.timedelta64(minute, "m") for minute in range(0, 1440, _STEP_MIN)]
     seen = []
     for when in times:
@@ -171,7 +172,7 @@ def skies() -> tuple[tuple[np.datetime64, tuple[Ephemeris, ...]], ...]:
 
 @lru_cache(maxsize=1)
 def geometries() -> tuple[SatelliteTracks, ...]:
-    """Where the satellites of the sixteen skies are; always the same."""
+    """Compute where the satellites of the sixteen skies are; always the same."""
     return tuple(SatelliteTracks(_sats_enu_m(orbits, when, np.arange(_LONGEST_S + 1.0))) for when, orbits in skies())
 
 
@@ -183,7 +184,7 @@ def _sats_enu_m(orbits: Sequence[Ephemeris], when: np.datetime64, seconds: Reals
 
 
 def _slots(when: np.datetime64) -> list[Ephemeris]:
-    """Orbits in the 24 slots."""
+    """List the orbits in the 24 slots."""
     orbits = [orbit for orbit in make_nominal_constellation(when).ephemerides if isinstance(orbit, Ephemeris)]
     return [
         replace(orbit, m0=orbit.m0 + np.radians(_MOVED_DEG.get(orbit.sat, 0.0)))
@@ -196,8 +197,8 @@ def _units(vectors: Reals) -> Reals:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
-def ranges_of(geometry: SatelliteTracks, receivers: tuple[str, ...], window_s: int) -> Reals:
-    """Ranges (N, 7, R, 2) of true and false tracks, less those of the base, without errors; a second an epoch."""
+def compute_ranges(geometry: SatelliteTracks, receivers: tuple[str, ...], window_s: int) -> Reals:
+    """Compute ranges (N, 7, R, 2) of true and false tracks, less those of the base, without errors."""
     sat_enu_m = geometry.sat_enu_m[:window_s, :, None, :]
     places_m = np.array([PLACES[name] for name in receivers])
     base_m = np.linalg.norm(sat_enu_m, axis=-1)
@@ -207,8 +208,8 @@ def ranges_of(geometry: SatelliteTracks, receivers: tuple[str, ...], window_s: i
     return np.stack([true_m, shown_m + way_m], axis=-1)
 
 
-def errors_of(noise: Noise, shape: tuple[int, ...], rng: np.random.Generator) -> Reals:
-    """Errors (windows, N, ...) in metres of stationary AR(1) and a constant."""
+def draw_errors(noise: Noise, shape: tuple[int, ...], rng: np.random.Generator) -> Reals:
+    """Draw errors (windows, N, ...) in metres of stationary AR(1) and a constant."""
     unit = rng.standard_normal(shape)
     if noise.phi:
         unit[:, 1:] *= np.sqrt(1.0 - noise.phi**2)
@@ -218,7 +219,7 @@ def errors_of(noise: Noise, shape: tuple[int, ...], rng: np.random.Generator) ->
 
 
 def paper_decision(range_m: Reals, *, tested: Tested) -> Kept:
-    """Detector 1b ("line" of code) or 2b ("slope" of carrier) at 1 % and the counting rule with K = 4.
+    """Decide by detector 1b ("line" of code) or 2b ("slope" of carrier) at 1 % and the counting rule.
 
     range_m : (windows, N, 7, R, 2).
     """
@@ -228,7 +229,7 @@ def paper_decision(range_m: Reals, *, tested: Tested) -> Kept:
     sd_m = chosen[..., 1:] - chosen[..., :1]
     flat = np.moveaxis(sd_m.reshape(*sd_m.shape[:2], SATS * len(tracks), receivers - 1), 1, 2)
     rule = counting_rule(
-        pairs_rejected(flat, ALPHA_PAPER, tested=tested),
+        reject_pairs(flat, ALPHA_PAPER, tested=tested),
         np.repeat(np.arange(SATS), len(tracks)),
         np.tile(tracks, (SATS, 1)),
     )
@@ -237,47 +238,50 @@ def paper_decision(range_m: Reals, *, tested: Tested) -> Kept:
 
 
 def split(range_m: Reals, geometry: SatelliteTracks) -> Split:
-    """Skies by windows' means of code. range_m : (windows, N, 7, R, 2)."""
+    """Split skies by windows' means of code. range_m : (windows, N, 7, R, 2)."""
     unit_enu, mean_m = geometry.unit_enu(range_m.shape[1]), range_m.mean(axis=1)
     first = split_skies(np.swapaxes(mean_m, 1, 2), unit_enu).first  # (W, R, 7)
     first_is_false = np.swapaxes(first, 1, 2) == 1  # or true: which is which is left to the choice
-    return Split(first_is_false, _by_pairing(_sorted(mean_m, first_is_false)), unit_enu)
+    return Split(first_is_false, _by_pairing(_sort_tracks(mean_m, first_is_false)), unit_enu)
 
 
 def group_decision(skies: Split, places_m: Reals | None = None) -> Groups:
-    """The recommended one, by code. places_m : (R, 3) if known."""
-    one, other = skies.pairing_m, skies.pairing_m[:, ::-1]
+    """Decide by code, as recommended. places_m : (R, 3) if known."""
+    pairing, complement = skies.pairing_m, skies.pairing_m[:, ::-1]
     if places_m is None:
-        p_values = span_test(one, other, skies.unit_enu).p_value
+        p_values = span_test(pairing, complement, skies.unit_enu).p_value
     else:
-        p_values = known_baseline_test(one, other, skies.unit_enu, places_m[1:] - places_m[0])
+        p_values = check_known_baseline(pairing, complement, skies.unit_enu, places_m[1:] - places_m[0])
     return Groups(skies.first_is_false, p_values)
 
 
 def carrier_decision(code: Groups, carrier_m: Reals) -> Groups:
-    """Skies by code, the choice by fractions of cycles; where those coincide by chance, by code. Two receivers.
+    """Decide by fractions of cycles, with skies by code; where those coincide by chance, by code.
 
-    Either may reject a pairing, at half of the rate. The sigma is what the carriers scatter by themselves from second
+    Two receivers.
+
+    Either may reject a pairing, at half of the rate. The sigma is what the carriers scatter from second
     to second, and 5 mm of slow error of each track. carrier_m : (windows, N, 7, R, 2).
     """
     bends_m = np.diff(carrier_m, n=2, axis=1)
     thermal_m = np.sqrt(np.mean(bends_m**2, axis=(1, 2, 3, 4)) / 6.0 / carrier_m.shape[1])
     sigma_cyc = np.sqrt(2.0) * np.hypot(thermal_m, CARRIER_BOUND_M) / WAVELENGTH_M
-    one_cyc = _by_pairing(_sorted(carrier_m.mean(axis=1), code.first_is_false)) / WAVELENGTH_M
+    one_cyc = _by_pairing(_sort_tracks(carrier_m.mean(axis=1), code.first_is_false)) / WAVELENGTH_M
     by_fractions = fraction_test(one_cyc[..., 1] - one_cyc[..., 0], sigma_cyc[:, None]).p_value
     return Groups(code.first_is_false, np.minimum(1.0, 2.0 * np.minimum(by_fractions, code.p_values)))
 
 
 def mean_variance_m2(noise: Noise, window_s: int) -> float:
-    """Of a track's mean over the window."""
+    """Compute the variance of a track's mean over the window."""
     lags = np.arange(1, window_s)
     correlated = 1.0 + 2.0 * np.sum((1.0 - lags / window_s) * noise.phi**lags)
     return float(noise.sigma_m**2 * correlated / window_s + noise.constant_m**2)
 
 
-def most_decided(receivers: tuple[str, ...], window_s: int, variance_m2: float, rate: float, *, known: bool) -> Bound:
-    """What no test of the windows' means can exceed that errs at this rate at most, whatever the baseline or, if it is
-    known, with it; mean over the geometries.
+def bound_decided(receivers: tuple[str, ...], window_s: int, variance_m2: float, rate: float, *, known: bool) -> Bound:
+    """Bound what any test of the windows' means can decide at this rate of errors.
+
+    With the baseline known or not; mean over the geometries.
 
     variance_m2 : of the mean of each track, the same for all. Baseline unknown: the sky's mean square along baselines,
     3(R-1) dimensions, is the uniformly most powerful invariant statistic; chi-square if the noise is given, else F over
@@ -290,17 +294,17 @@ def most_decided(receivers: tuple[str, ...], window_s: int, variance_m2: float, 
     noise = 2 * len(receivers) * (SATS - 4) + along
     if known:
         mean, dof = np.sqrt(2.0 * squares), noise + along - 1
-        given = special.ndtr(mean - special.ndtri(1.0 - rate))
+        power = special.ndtr(mean - special.ndtri(1.0 - rate))
         unknown = 1.0 - special.nctdtr(dof, mean, special.stdtrit(dof, 1.0 - rate))
     else:
-        given = chi_square_power(rate, along, squares)
+        power = chi_square_power(rate, along, squares)
         unknown = noncentral_f_survival(f_threshold(rate, along, noise), along, noise, squares)
-    return Bound(float(np.mean(given)), float(np.mean(unknown)))
+    return Bound(float(np.mean(power)), float(np.mean(unknown)))
 
 
 @lru_cache
 def _squares_m2(receivers: tuple[str, ...], window_s: int) -> tuple[float, ...]:
-    """What the sky shows along baselines in each geometry, squared, without errors."""
+    """Compute what the sky shows along baselines in each geometry, squared, without errors."""
     places_m = np.array([PLACES[name] for name in receivers])
     squares = []
     for geometry in geometries():
@@ -311,13 +315,13 @@ def _squares_m2(receivers: tuple[str, ...], window_s: int) -> tuple[float, ...]:
     return tuple(squares)
 
 
-def _sorted(values: Reals, first_is_false: Booleans) -> Reals:
-    """(W, 7, R, 2) from tracks to skies."""
+def _sort_tracks(values: Reals, first_is_false: Booleans) -> Reals:
+    """Sort tracks to skies, (W, 7, R, 2)."""
     track = first_is_false[..., None].astype(np.intp)
     return np.take_along_axis(values, np.concatenate([track, 1 - track], axis=-1), axis=-1)
 
 
 def _by_pairing(values: Reals) -> Reals:
-    """(W, 2^R, 7, R) from (W, 7, R, 2): of each receiver the sky that each pairing takes."""
+    """Take each pairing's sky from each receiver: (W, 2^R, 7, R) from (W, 7, R, 2)."""
     receivers = np.arange(values.shape[2])
     return np.stack([values[..., receivers, skies] for skies in pairings(receivers.size)], axis=1)

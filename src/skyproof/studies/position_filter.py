@@ -29,7 +29,7 @@ from skyproof.navigation.vector_filter import CLOCK, CORE, DRIFT, POSITION, VELO
 from skyproof.records import CellStatus, Fix, FixStatus, NavigationData, Observations, Selectable, SignalId
 from skyproof.statistics.distributions import chi_square_threshold
 from skyproof.statistics.kalman import kalman_update
-from skyproof.studies.position_filter_state import FilterSettings, FilterState, predicted, without_the_old
+from skyproof.studies.position_filter_state import FilterSettings, FilterState, drop_old, predict
 
 __all__ = ["FilterSettings", "FilterState", "Filtered", "step"]
 
@@ -94,7 +94,7 @@ def step(
     if state is not None:
         for row in range(first, n):
             state = _epoch(state, rows, row, navigation, settings, out)
-    return out.filtered(observations.receiver, signals), state
+    return out.build_result(observations.receiver, signals), state
 
 
 # ---------------------------------------------------------------- what comes in and what goes out
@@ -167,7 +167,7 @@ class _Out:
         for scale, offset_m in zip(state.scales, offsets_m, strict=True):
             self.offset_m.setdefault(scale, np.full(self.gpst.size, np.nan))[row] = offset_m
 
-    def filtered(self, receiver: str, signals: tuple[SignalId, ...]) -> Filtered:
+    def build_result(self, receiver: str, signals: tuple[SignalId, ...]) -> Filtered:
         bias_s = self.core[:, CLOCK] / SPEED_OF_LIGHT_M_S
         bias_ns = np.rint(np.nan_to_num(bias_s) * 1e9).astype(np.int64)
         found = Fix(
@@ -189,7 +189,7 @@ class _Out:
 def _start(
     observations: Observations, navigation: NavigationData, signals: tuple[SignalId, ...], settings: FilterSettings
 ) -> tuple[FilterState | None, int]:
-    """A state without signals at the first epoch with a fix, and that epoch; the fix is the place to begin, no more."""
+    """Build a state without signals at the first epoch with a fix, and return that epoch."""
     found = fix(
         observations,
         navigation,
@@ -234,23 +234,23 @@ def _epoch(
     state: FilterState, rows: _Rows, row: int, navigation: NavigationData, settings: FilterSettings, out: _Out
 ) -> FilterState:
     starting = not state.signals
-    state = predicted(state, rows.gpst[row], settings)
+    state = predict(state, rows.gpst[row], settings)
     columns = np.flatnonzero(np.isfinite(rows.ranges.range_m[row]) & np.isfinite(rows.code_sigma_m[row]))
     view = _view(state.mean, rows, row, columns, navigation, settings)
-    state = without_the_old(state, settings)
+    state = drop_old(state, settings)
     if columns.size == 0 or not np.any(view.elevation_rad >= np.radians(settings.elevation_mask_deg)):
         return state
     high = view.elevation_rad >= np.radians(settings.elevation_mask_deg)
     columns, view = columns[high], view.select(high)
     scales_before = len(state.scales)
-    state = _with_the_new(state, rows, columns, view)
+    state = _add_new(state, rows, columns, view)
     problem = _Problem(state, rows, row, columns, view, settings)
     unknown = 4 + scales_before - 1 if starting else len(state.scales) - scales_before
     problem.begin_arcs()
     problem.leave_out(unknown, settings.false_alarm_probability)
     if not starting:
         out.nis[row], out.nis_dof[row] = problem.nis(), problem.dof(unknown)
-    state = problem.updated()
+    state = problem.update_state()
     out.write(row, state)
     out.residual_m[row, columns] = problem.code_residual_m(state)
     out.rejected[row, columns], out.slipped[row, columns] = problem.rejected, problem.slipped
@@ -288,8 +288,8 @@ def _view(
     )
 
 
-def _with_the_new(state: FilterState, rows: _Rows, columns: Indices, view: _View) -> FilterState:
-    """Room for time scales and signals that come up, in the order of their coming."""
+def _add_new(state: FilterState, rows: _Rows, columns: Indices, view: _View) -> FilterState:
+    """Make room for time scales and signals that come up, in the order of their coming."""
     k, first_error = len(state.signals), state.mean.size - 2 * len(state.signals)
     new = [i for i, column in enumerate(columns) if rows.signals[column] not in state.signals]
     scales = tuple(dict.fromkeys(rows.scales[columns[i]] for i in new if rows.scales[columns[i]] not in state.scales))
@@ -374,7 +374,7 @@ class _Problem:
         self._follow_clock()
 
     def _rates(self) -> RangeRates:
-        """Along today's lines of sight: a position better by 100 m turns them by 5 urad."""
+        """Compute range rates along today's lines of sight: a position better by 100 m turns them by 5 urad."""
         rows, cells = self.rows, (self.row, self.columns)
         satellite, unit, distance_m = compute_line_of_sight(self.satellite_ecef_m, self.mean[POSITION])
         ranges = replace(
@@ -393,7 +393,7 @@ class _Problem:
         )
 
     def _linear(self, at: Reals) -> tuple[Reals, Reals]:
-        """Measured minus modelled at `at`, (m,), and the model's derivative, (m, n)."""
+        """Linearize: measured minus modelled at `at`, (m,), and the model's derivative, (m, n)."""
         _, unit, distance_m = compute_line_of_sight(self.satellite_ecef_m, at[POSITION])
         k, m = len(self.columns), self.of.size
         design = np.zeros((m, at.size))
@@ -422,15 +422,15 @@ class _Problem:
         self.innovation = self.innovation - self.design[:, entry] * by_m
 
     def _begin_scales(self) -> None:
-        """A time scale that is new may be far off: it begins where its codes say."""
+        """Begin a new time scale where its codes say: it may be far off."""
         first_error = self.mean.size - 2 * len(self.state.signals)
         for entry in range(CORE, first_error):
-            own = self.offset == entry
-            if self.mean[entry] == 0.0 and np.any(own):
-                self._shift(entry, float(np.median(self.innovation[self.codes][own])))
+            rows_of_scale = self.offset == entry
+            if self.mean[entry] == 0.0 and np.any(rows_of_scale):
+                self._shift(entry, float(np.median(self.innovation[self.codes][rows_of_scale])))
 
     def _follow_clock(self) -> None:
-        """When all codes jump alike, the receiver has moved its clock; its carriers may or may not have followed."""
+        """Follow the receiver's clock where all codes jump alike; carriers may or may not have followed."""
         jump_m = float(np.median(self.innovation[self.codes]))
         variance_m2 = self.covariance[CLOCK, CLOCK]
         if variance_m2 > _JUMP_M**2:
@@ -446,7 +446,7 @@ class _Problem:
             self.begun += 1
 
     def begin_arcs(self) -> None:
-        """Ambiguities anew where the carrier is new, has slipped, or was away for long."""
+        """Begin ambiguities where the carrier is new, has slipped, or was away for long."""
         carried_at = self.state.carried[self.index]
         away_s = (self.state.gpst - carried_at) / np.timedelta64(1, "s")
         slip = self.rows.slip[self.row, self.columns]
@@ -463,7 +463,7 @@ class _Problem:
         return int(self.on.sum()) - self.begun - unknown
 
     def _spread(self) -> Reals:
-        """Covariance of the innovations in use."""
+        """Return the covariance of the innovations in use."""
         design = self.design[self.on]
         return np.asarray(design @ self.covariance @ design.T + np.diag(self.variance[self.on]))
 
@@ -472,7 +472,7 @@ class _Problem:
         return float(innovation @ linalg.solve(self._spread(), innovation, assume_a="pos"))
 
     def leave_out(self, unknown: int, false_alarm_probability: float) -> None:
-        """While the innovations are too large together, drop the one that alone explains most (Baarda's test).
+        """Drop the innovations that alone explain most, while all are too large together (Baarda's test).
 
         A carrier is not dropped: it begins a new arc.
         """
@@ -490,8 +490,8 @@ class _Problem:
                 self.on[line] = False
                 self.rejected[self.of[line]] = True
 
-    def updated(self) -> FilterState:
-        """The state with the measurements in it; linearised again while the position moves far."""
+    def update_state(self) -> FilterState:
+        """Update the state with the measurements; linearised again while the position moves far."""
         at, design, innovation = self.mean, self.design[self.on], self.innovation[self.on]
         for _ in range(3):
             update = kalman_update(self.covariance, design, np.diag(self.variance[self.on]), innovation)
@@ -507,6 +507,6 @@ class _Problem:
         return replace(self.state, mean=mean, covariance=0.5 * (covariance + covariance.T), carried=carried)
 
     def code_residual_m(self, state: FilterState) -> Reals:
-        """Measured minus modelled, with b; NaN where not used."""
+        """Compute measured minus modelled, with b; NaN where not used."""
         innovation, _ = self._linear(state.mean)
         return np.where(self.on[self.codes], innovation[self.codes] + state.mean[self.error], np.nan)

@@ -13,8 +13,8 @@ from skyproof.records import SignalId
 __all__ = [
     "FilterSettings",
     "FilterState",
-    "predicted",
-    "without_the_old",
+    "drop_old",
+    "predict",
 ]
 
 
@@ -78,8 +78,8 @@ class FilterState:
     error_sigma_m: Reals
 
 
-def predicted(state: FilterState, gpst: np.datetime64, settings: FilterSettings) -> FilterState:
-    """The state at a later epoch: F x and F P F' + Q, F of blocks."""
+def predict(state: FilterState, gpst: np.datetime64, settings: FilterSettings) -> FilterState:
+    """Predict the state at a later epoch: F x and F P F' + Q, F of blocks."""
     dt_s = float((gpst - state.gpst) / np.timedelta64(1, "ns")) * 1e-9
     mean, k = state.mean.copy(), len(state.signals)
     first_error = mean.size - 2 * k
@@ -103,8 +103,8 @@ def predicted(state: FilterState, gpst: np.datetime64, settings: FilterSettings)
     return replace(state, gpst=gpst, mean=transition @ mean, covariance=covariance)
 
 
-def without_the_old(state: FilterState, settings: FilterSettings) -> FilterState:
-    """Forget signals that were not seen for so long that nothing of theirs is worth keeping."""
+def drop_old(state: FilterState, settings: FilterSettings) -> FilterState:
+    """Drop signals that were not seen for so long that nothing of theirs is worth keeping."""
     last_s = max(settings.max_gap_s, 2.0 * settings.error_time_s)
     kept = (state.gpst - state.seen) / np.timedelta64(1, "s") <= last_s
     if np.all(kept):

@@ -1,4 +1,4 @@
-"""Is a fix beyond its protection level as seldom as is promised? Epochs of measurements, clean and with one fault.
+"""Is a fix beyond its protection level as rarely as promised? Epochs of measurements, clean and with one fault.
 
 The level is promised for one satellite that is wrong by any amount. The fault here is on the satellite whose bias moves
 the position farthest for what its residual shows; errors are those that the fix takes its measurements to have. Risks
@@ -52,27 +52,28 @@ class _Sky:
     def rot_enu(self) -> Reals:
         return rot_enu_ecef(*geodetic_from_ecef(self.place_ecef_m)[:2])
 
-    def fixed(self, error_m: Reals | float) -> tuple[Fix, FixGeometry]:
-        """As trusted fixes are made of smoothed observations: `fusion.trusted.fix_of`."""
+    def compute_fix(self, error_m: Reals | float) -> tuple[Fix, FixGeometry]:
+        """Compute fixes as trusted ones are made of smoothed observations: `fusion.trusted.fix_of`."""
         observed = replace(self.exact, pseudorange_m=self.exact.pseudorange_m + error_m)
         found, geometry = fix_and_geometry(observed, self.navigation, multipath_sigma_m=MULTIPATH_M)
         return reject_misfits(found, geometry), geometry
 
 
 def rows(settings: StudySettings) -> Iterator[Row]:
-    """Of so many fixes: how many are beyond the level, beside the risk asked; and without a fault how many are beyond
-    the same quantile of the covariance, which is exact on one axis.
+    """Count how many fixes are beyond the level, beside the risk asked.
+
+    Without a fault also how many are beyond the same quantile of the covariance, which is exact on one axis.
     """
     rng, trials = settings.rng(), settings.count(40_000, 3000)
     skies = [_somewhere(rng, number) for number in range(4 if settings.quick else 20)]
     times = max(round(trials / (EPOCHS * len(skies))), 1)
-    counted = [_counted(sky, times, rng, QUICK_BIASES_SIGMA if settings.quick else BIASES_SIGMA) for sky in skies]
+    counted = [_count_fixes(sky, times, rng, QUICK_BIASES_SIGMA if settings.quick else BIASES_SIGMA) for sky in skies]
     for each in zip(*counted, strict=True):
         yield _row(each)
 
 
 def _somewhere(rng: np.random.Generator, seed: int) -> _Sky:
-    """Between 70 S and 70 N, at any time of four years."""
+    """Draw a place between 70 S and 70 N, at any time of four years."""
     place = ScenePlace(
         lat_deg=float(np.degrees(np.arcsin(rng.uniform(-0.94, 0.94)))),
         lon_deg=float(rng.uniform(-180.0, 180.0)),
@@ -104,16 +105,16 @@ class _Count:
     covariance_m: Reals
 
 
-def _counted(sky: _Sky, times: int, rng: np.random.Generator, biases_sigma: tuple[float, ...]) -> list[_Count]:
-    many = replace(sky, exact=_repeated(sky.exact, times))
-    _, geometry = many.fixed(0.0)
+def _count_fixes(sky: _Sky, times: int, rng: np.random.Generator, biases_sigma: tuple[float, ...]) -> list[_Count]:
+    many = replace(sky, exact=_repeat_epochs(sky.exact, times))
+    _, geometry = many.compute_fix(0.0)
     counts = []
     for number, (axis, of) in enumerate(AXES.items()):
         column, metres = _hardest(geometry, sky.rot_enu, of)
         for bias_sigma in biases_sigma:
             error_m = geometry.sigma_m * rng.standard_normal(geometry.sigma_m.shape)
             error_m[np.arange(len(column)), column] += bias_sigma * metres
-            found, problem = many.fixed(error_m)
+            found, problem = many.compute_fix(error_m)
             good = found.status == FixStatus.OK
             off_m = (found.position_ecef_m - sky.place_ecef_m) @ sky.rot_enu.T
             for risk in RISKS:
@@ -131,12 +132,12 @@ def _counted(sky: _Sky, times: int, rng: np.random.Generator, biases_sigma: tupl
 
 
 def _quantile(axis: str, risk: float) -> float:
-    """In sigmas of the larger axis."""
+    """Return the quantile in sigmas of the larger axis."""
     return float(np.sqrt(-2.0 * np.log(risk)) if axis == "horizontal" else -special.ndtri(0.5 * risk))
 
 
 def _sigma_m(found: Fix, rot_enu: Reals, of: slice) -> Reals:
-    """(n,) the larger sigma of the axes."""
+    """Return the larger sigma of the axes, (n,)."""
     enu_m2 = (rot_enu @ found.covariance_m2[:, :3, :3] @ rot_enu.T)[:, of, of]
     sigma_m = np.full(len(enu_m2), np.nan)
     good = np.isfinite(enu_m2).all(axis=(1, 2))
@@ -144,8 +145,8 @@ def _sigma_m(found: Fix, rot_enu: Reals, of: slice) -> Reals:
     return sigma_m
 
 
-def _repeated(o: Observations, times: int) -> Observations:
-    """Each epoch so often."""
+def _repeat_epochs(o: Observations, times: int) -> Observations:
+    """Repeat each epoch so often."""
     per_epoch: dict[str, Any] = {
         f.name: np.repeat(getattr(o, f.name), times, axis=0)
         for f in fields(o)
@@ -155,8 +156,7 @@ def _repeated(o: Observations, times: int) -> Observations:
 
 
 def _hardest(geometry: FixGeometry, rot_enu: Reals, of: slice) -> tuple[Indices, Reals]:
-    """(n,) which satellite moves the position farthest on the axes for what its residual shows, and the metres of bias
-    that move its residual's test by one sigma."""
+    """Find the satellite that moves the position farthest for what its residual shows, (n,)."""
     _, redundancy, covariance = fit_whitened(geometry.design, geometry.misfit_m, geometry.sigma_m)
     whitened = np.nan_to_num(geometry.design / geometry.sigma_m[..., None])
     gain = (rot_enu @ (covariance @ np.swapaxes(whitened, -1, -2))[:, :3])[:, of]
@@ -168,20 +168,20 @@ def _hardest(geometry: FixGeometry, rot_enu: Reals, of: slice) -> tuple[Indices,
 
 
 def _row(each: tuple[_Count, ...]) -> Row:
-    """Of all skies."""
+    """Build a row over all skies."""
     first = each[0]
     sizes_m, levels_m, covariance_m = (
-        np.concatenate([getattr(one, name) for one in each]) for name in ("sizes_m", "levels_m", "covariance_m")
+        np.concatenate([getattr(count, name) for count in each]) for name in ("sizes_m", "levels_m", "covariance_m")
     )
-    there = np.isfinite(levels_m)
+    has_level = np.isfinite(levels_m)
     beyond = int(np.sum(sizes_m > levels_m))
     return {
         "axis": first.axis,
         "integrity_risk": first.risk,
         "bias_sigma": first.bias_sigma,
         "trials": sizes_m.size,
-        "with_level": float(there.mean()),
-        "protection_p50_m": float(np.median(levels_m[there])) if there.any() else None,
+        "with_level": float(has_level.mean()),
+        "protection_p50_m": float(np.median(levels_m[has_level])) if has_level.any() else None,
         "error_p50_m": float(np.nanmedian(sizes_m)) if np.isfinite(sizes_m).any() else None,
         "beyond": beyond,
         "share_beyond": beyond / sizes_m.size,

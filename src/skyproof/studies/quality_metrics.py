@@ -60,24 +60,24 @@ __all__ = [
 
 
 def delta_metric(early: ArrayLike, prompt: ArrayLike, late: ArrayLike) -> Reals:
-    """(I_E - I_L) / (2 I_P), zero in lock."""
+    """Compute (I_E - I_L) / (2 I_P), zero in lock."""
     e, p, lt = (np.real(x) for x in (early, prompt, late))
     return np.asarray((e - lt) / (2.0 * p), float)
 
 
 def ratio_metric(early: ArrayLike, prompt: ArrayLike, late: ArrayLike) -> Reals:
-    """(I_E + I_L) / (2 I_P), 1 - d in lock without a band limit."""
+    """Compute (I_E + I_L) / (2 I_P), 1 - d in lock without a band limit."""
     e, p, lt = (np.real(x) for x in (early, prompt, late))
     return np.asarray((e + lt) / (2.0 * p), float)
 
 
 def magnitude_difference(early: ArrayLike, prompt: ArrayLike, late: ArrayLike) -> Reals:
-    """(|E| - |L|) / (2 |P|), zero in lock; of first order as delta, and not blind to a signal in quadrature."""
+    """Compute (|E| - |L|) / (2 |P|), zero in lock; it also sees a signal in quadrature."""
     return np.asarray((np.abs(early) - np.abs(late)) / (2.0 * np.abs(prompt)), float)
 
 
 def doppler_metric(slow: ArrayLike, prompt: ArrayLike, fast: ArrayLike, *, magnitudes: bool = True) -> Reals:
-    """(S - F) / (2 P) of correlators at -df and +df from the carrier, of magnitudes or in-phase parts; zero in lock.
+    """Compute (S - F) / (2 P) of correlators at -df and +df from the carrier; zero in lock.
 
     The phase of all three has to be that of the middle of the integration, or the in-phase parts mean something else.
     """
@@ -96,26 +96,26 @@ class RatioLaw(NamedTuple):
     shared: Reals
 
     def variance(self, amplitude: ArrayLike) -> Reals:
-        """To first order in 1 / amplitude."""
+        """Compute the variance, to first order in 1 / amplitude."""
         a2 = np.square(np.asarray(amplitude, float))
         return np.asarray((self.noise - 2.0 * self.mean * self.shared + self.mean**2) / a2, float)
 
 
 def tap_covariance(delays_chips: ArrayLike) -> Reals:
-    """Noise covariance (n, n) of taps at delays (n,), for variance 1 each: R of their distance."""
+    """Compute the noise covariance (n, n) of taps at delays (n,), for variance 1 each."""
     delays = np.asarray(delays_chips, float)
     return triangle(delays[:, None] - delays[None, :])
 
 
 def delta_law(spacing_chips: ArrayLike) -> RatioLaw:
-    """Law of delta in lock: variance d / A^2 for 2 d <= 1, else (1 - R(2d)) / (2 A^2)."""
+    """Return the law of delta in lock: variance d / A^2 for 2 d <= 1, else (1 - R(2d)) / (2 A^2)."""
     d = np.asarray(spacing_chips, float)
     zero = np.zeros(d.shape)
     return RatioLaw(zero, 0.5 * (1.0 - triangle(2.0 * d)), zero)
 
 
 def ratio_law(spacing_chips: ArrayLike, lost_chips: ArrayLike = 0.0) -> RatioLaw:
-    """Law of ratio in lock: variance d (1 - d) / A^2 for 2 d <= 1.
+    """Return the law of ratio in lock: variance d (1 - d) / A^2 for 2 d <= 1.
 
     lost_chips : mean distance of the replica from the peak, below d. Early and late together stay what they are and the
     prompt loses so much, so that the mean is larger. By `code_jitter_chips` it is sqrt(2 / pi) of these, which is 0.4
@@ -129,7 +129,7 @@ def ratio_law(spacing_chips: ArrayLike, lost_chips: ArrayLike = 0.0) -> RatioLaw
 def code_jitter_chips(
     bandwidth_hz: ArrayLike, spacing_chips: ArrayLike, amplitude: ArrayLike, coherent_s: ArrayLike
 ) -> Reals:
-    """One sigma of the replica of a first-order code loop that takes early less late over 2 I_P every `coherent_s`.
+    """Compute one sigma of the replica of a first-order code loop.
 
     With gain g = 4 B T of each update the noise of one, of `delta_law`, is left with a share of g / (2 - g).
     """
@@ -138,40 +138,40 @@ def code_jitter_chips(
 
 
 def doppler_law(offset_hz: ArrayLike, coherent_s: ArrayLike) -> RatioLaw:
-    """Law of the slow/fast metric in lock: variance (1 - sinc(2 df T)) / (2 A^2), A = sqrt(2 T C/N0)."""
+    """Return the law of the slow/fast metric in lock: variance (1 - sinc(2 df T)) / (2 A^2)."""
     x = np.asarray(offset_hz, float) * np.asarray(coherent_s, float)
     zero = np.zeros(x.shape)
     return RatioLaw(zero, np.asarray(0.5 * (1.0 - np.sinc(2.0 * x))), zero)
 
 
 def doppler_slope(offset_hz: ArrayLike, coherent_s: ArrayLike) -> Reals:
-    """Mean of the slow/fast metric for each hertz that the signal is above the carrier: g'(df), g(x) = sinc(x T)."""
+    """Compute the mean of the slow/fast metric per hertz above the carrier: g'(df), g(x) = sinc(x T)."""
     t = np.asarray(coherent_s, float)
     x = np.pi * np.asarray(offset_hz, float) * t
     return np.asarray(np.pi * t * (np.cos(x) / x - np.sin(x) / x**2), float)
 
 
 def ratio_cumulative(value: ArrayLike, law: RatioLaw, amplitude: ArrayLike) -> Reals:
-    """Prob(Z <= value), exact but for the chance of a negative prompt, Q(A)."""
+    """Compute Prob(Z <= value), exact but for the chance of a negative prompt, Q(A)."""
     z, a = np.asarray(value, float), np.asarray(amplitude, float)
     return np.asarray(special.ndtr(a * (z - law.mean) / np.sqrt(law.noise - 2.0 * z * law.shared + z**2)), float)
 
 
 def ratio_p_value(value: ArrayLike, law: RatioLaw, amplitude: ArrayLike) -> Reals:
-    """Two-sided p-value: twice the smaller tail, uniform under the null but for Q(A)."""
+    """Compute the two-sided p-value: twice the smaller tail, uniform under the null but for Q(A)."""
     z, a = np.asarray(value, float), np.asarray(amplitude, float)
     deviate = a * (z - law.mean) / np.sqrt(law.noise - 2.0 * z * law.shared + z**2)
     return np.asarray(2.0 * special.ndtr(-np.abs(deviate)), float)
 
 
 def ratio_deviate(value: ArrayLike, prompt: ArrayLike, law: RatioLaw, up_to: RatioLaw | None = None) -> Reals:
-    """(c^T I - mu I_P) over its noise: standard normal under the null at any amplitude, which need not be known.
+    """Compute (c^T I - mu I_P) over its noise: standard normal under the null at any amplitude.
 
     prompt : whose in-phase part I_P the ratio `value` was taken by, in units of the noise of one component.
     up_to : with a larger mean; of all laws from one to the other the one that makes the deviate smallest.
     """
     z, in_phase = np.asarray(value, float), np.real(prompt)
-    deviates = [(z - one.mean) * in_phase / np.sqrt(one.variance(1.0)) for one in (law, up_to or law)]
+    deviates = [(z - limit_law.mean) * in_phase / np.sqrt(limit_law.variance(1.0)) for limit_law in (law, up_to or law)]
     return np.asarray(np.minimum(deviates[0], 0.0) + np.maximum(deviates[1], 0.0))
 
 
@@ -204,13 +204,13 @@ def moving_variance(values: Reals, window: int) -> Reals:
 
 
 def moving_variance_p_value(variance: ArrayLike, sigma: ArrayLike, window: int) -> Reals:
-    """Of one window of independent normal values with a known sigma: (W - 1) s^2 / sigma^2 is chi-square."""
+    """Compute the p-value of one window of independent normal values with a known sigma."""
     statistic = (window - 1) * np.asarray(variance, float) / np.square(np.asarray(sigma, float))
     return chi_square_survival(statistic, window - 1)
 
 
 def moving_variance_threshold(probability: ArrayLike, sigma: ArrayLike, window: ArrayLike) -> Reals:
-    """The variance that one window exceeds with `probability`."""
+    """Compute the variance that one window exceeds with `probability`."""
     dof = np.asarray(window, float) - 1.0
     return np.asarray(np.square(np.asarray(sigma, float)) * chi_square_threshold(probability, dof) / dof, float)
 
@@ -218,14 +218,14 @@ def moving_variance_threshold(probability: ArrayLike, sigma: ArrayLike, window: 
 def moving_variance_power(
     probability: ArrayLike, sigma: ArrayLike, window: ArrayLike, squared_deviations: ArrayLike
 ) -> Reals:
-    """Power against a mean that moves within the window, `squared_deviations` the sum of squares about its average."""
+    """Compute the power against a mean that moves within the window."""
     dof = np.asarray(window, float) - 1.0
     noncentrality = np.asarray(squared_deviations, float) / np.square(np.asarray(sigma, float))
     return noncentral_chi_square_survival(chi_square_threshold(probability, dof), dof, noncentrality)
 
 
 def alarm_starts(alarm: ArrayLike) -> Booleans:
-    """Where an alarm begins in (..., n): sliding windows alarm in clusters, and false alarms are counted by starts."""
+    """Find where an alarm begins in (..., n): sliding windows alarm in clusters."""
     on = np.asarray(alarm, bool)
     begins = on.copy()
     begins[..., 1:] &= ~on[..., :-1]

@@ -29,7 +29,7 @@ from skyproof.simulator.scenario import (
 from skyproof.simulator.sites import Site, WayPoints
 from skyproof.simulator.sky import make_scene
 
-__all__ = ["BuiltScene", "DrawnAttack", "DrawnScene", "build_scene", "draw_scene", "stated_sigma_m"]
+__all__ = ["BuiltScene", "DrawnAttack", "DrawnScene", "build_scene", "default_sigma_m", "draw_scene"]
 
 Vector = tuple[float, float, float]
 StepCollector = Literal["nothing", "distance", "positions"]
@@ -115,13 +115,13 @@ class DrawnScene:
 
     @property
     def distance_m(self) -> float:
-        """Between the first two antennas."""
+        """Return the distance between the first two antennas."""
         return math.dist(*self.antennas_body_m[:2])
 
     @property
     def given_distance_m(self) -> float:
-        """As the user states it, who errs."""
-        return self.distance_m + self.given_error * stated_sigma_m(self.distance_m)
+        """Return the distance as the user states it, who errs."""
+        return self.distance_m + self.given_error * default_sigma_m(self.distance_m)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -138,13 +138,13 @@ class BuiltScene:
     antennas_enu_m: dict[str, Vector]
 
 
-def stated_sigma_m(distance_m: float) -> float:
-    """Of a distance that is stated without a sigma: good to 5 % or 1 m in 95 of 100 cases."""
+def default_sigma_m(distance_m: float) -> float:
+    """Return the sigma of a distance stated without one: good to 5 % or 1 m in 95 of 100 cases."""
     return 0.5 * max(0.05 * distance_m, 1.0)
 
 
 def draw_scene(name: str, *, most_receivers: int = 5, duration_s: float | None = None) -> DrawnScene:
-    """The scene of a name such as "attack-17". duration_s : in place of a drawn one."""
+    """Draw the scene of a name such as "attack-17". duration_s : in place of a drawn one."""
     kind, _, number = name.partition("-")
     if kind not in KINDS or not number.isdigit():
         raise ScenarioError(f"no scene named {name!r}; give attack-NUMBER, several-NUMBER or clean-NUMBER")
@@ -153,9 +153,9 @@ def draw_scene(name: str, *, most_receivers: int = 5, duration_s: float | None =
     counts, shares = ([2, 3, 4, 5], [0.5, 0.2, 0.15, 0.15]) if several else ([2, 3, 4], [0.6, 0.25, 0.15])
     n = min(int(rng.choice(counts, p=shares)), most_receivers)
     motion = str(rng.choice(["still", "straight", "turning"], p=[0.6, 0.25, 0.15]))
-    given = str(rng.choice(["nothing", "distance", "positions"]))
-    if (given == "distance" and n > 2) or (given == "positions" and motion == "turning"):
-        given = "nothing"
+    knowledge = str(rng.choice(["nothing", "distance", "positions"]))
+    if (knowledge == "distance" and n > 2) or (knowledge == "positions" and motion == "turning"):
+        knowledge = "nothing"
     lasts_s = duration_s or float(rng.uniform(40.0, 60.0))
     antennas = _antennas(rng, n, FARTHEST_OF_SEVERAL_M if several else FARTHEST_M)
     if motion == "turning" and max(math.hypot(*place) for place in antennas) > LONGEST_TURNING_M:
@@ -180,7 +180,7 @@ def draw_scene(name: str, *, most_receivers: int = 5, duration_s: float | None =
         "ar1": float(rng.choice([0.0, 0.9])),
         "constant_m": float(rng.choice([0.0, 0.5])),
         "field": bool(rng.random() < 0.8),
-        "given": given,
+        "given": knowledge,
         "given_error": float(rng.uniform(-1.4, 1.4)),
     }
     attack = _attack(rng, antennas, lasts_s, motion, drawn["zenith_cn0_dbhz"]) if kind != "clean" else None
@@ -194,14 +194,14 @@ def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def _level(rng: np.random.Generator, distance: float, steepest: float) -> Vector:
-    """A vector of this length in any direction up to `steepest` rad over or under the horizon."""
+    """Draw a vector of this length up to `steepest` rad over or under the horizon."""
     az_rad, el_rad = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(-steepest, steepest)
     level = distance * math.cos(el_rad)
     return level * math.sin(az_rad), level * math.cos(az_rad), distance * math.sin(el_rad)
 
 
 def _antennas(rng: np.random.Generator, n: int, farthest_m: float) -> tuple[Vector, ...]:
-    """Each 3 m to `farthest_m` from every other."""
+    """Place each antenna 3 m to `farthest_m` from every other."""
     reach_m = _log_uniform(rng, NEAREST_M, farthest_m)
     places: list[Vector] = [(0.0, 0.0, 0.0)]
     while len(places) < n:
@@ -216,9 +216,9 @@ def _attack(
 ) -> DrawnAttack:
     n = len(antennas)
     focus = int(rng.integers(n))
-    others = [k for k in range(n) if k != focus]
+    other_antennas = [k for k in range(n) if k != focus]
     reach = rng.choice(["one", "some", "all"], p=[0.3, 0.2, 0.5])
-    joined = {"one": [], "all": others}.get(str(reach), [k for k in others if rng.random() < 0.5])
+    joined = {"one": [], "all": other_antennas}.get(str(reach), [k for k in other_antennas if rng.random() < 0.5])
     away_m = _log_uniform(rng, 1.5, 1e4)
     kind: Any = str(rng.choice(["takeover", "spoofer", "meaconer"], p=[0.4, 0.45, 0.15]))
     power_db = float(rng.uniform(-10.0, 30.0))
@@ -238,7 +238,7 @@ def _attack(
         "random": _level(rng, _log_uniform(rng, 100.0, 2e4), 0.02),
     }.get(place)
     if away is None:  # on the sphere about an antenna that is left alone, or any other
-        about = antennas[int(rng.choice([k for k in others if k not in joined] or others))]
+        about = antennas[int(rng.choice([k for k in other_antennas if k not in joined] or other_antennas))]
         around = _level(rng, math.dist(about, antennas[focus]), 0.3)
         away = _difference(_sum(around, about), antennas[focus])
     clock: Any = str(rng.choice(["true", "within a chip", "far", "drift"], p=[0.45, 0.2, 0.2, 0.15]))
@@ -276,7 +276,7 @@ def _attack(
 
 
 def _several(rng: np.random.Generator, attack: DrawnAttack, n: int) -> DrawnAttack:
-    """The same, quiet, by up to four antennas, 50 m to 1 km from the receivers, that all of these hear."""
+    """Change to a quiet attack by up to four antennas, 50 m to 1 km from the receivers, heard by all."""
     antennas = [_above(_level(rng, _log_uniform(rng, 50.0, 1000.0), 0.3)) for _ in range(int(rng.integers(1, 5)))]
     away = _level(rng, _log_uniform(rng, 100.0, 2e4), 0.02)
     return replace(
@@ -296,7 +296,7 @@ def _several(rng: np.random.Generator, attack: DrawnAttack, n: int) -> DrawnAtta
 
 
 def _above(place: Vector) -> Vector:
-    """Not under the ground."""
+    """Keep a place above the ground."""
     return place[0], place[1], max(place[2], -100.0)
 
 
@@ -312,7 +312,7 @@ def _difference(a: Vector, b: Vector) -> Vector:
 
 
 def build_scene(drawn: DrawnScene, *, n_sats: int | None = None) -> BuiltScene | None:
-    """The scene worked out; None if what was drawn makes none, as a transmitter in an antenna's place.
+    """Build the scene; None if what was drawn makes none, as a transmitter in an antenna's place.
 
     n_sats : the highest so many satellites alone, for what takes long with many.
     """
@@ -349,10 +349,10 @@ def _highest(under: Scene, n_sats: int) -> tuple[str, ...]:
 def _scenario(
     drawn: DrawnScene, attacks: list[Any], jam: list[Interference], sats: tuple[str, ...] | None = None
 ) -> Scenario:
-    own = _site(drawn, (drawn.lat_deg, drawn.lon_deg, drawn.height_m), rides=True)
+    site = _site(drawn, (drawn.lat_deg, drawn.lon_deg, drawn.height_m), rides=True)
     receivers = tuple(
         SceneReceiver(
-            **own,
+            **site,
             name=f"rx{k + 1}",
             antennas=(Antenna(name="1", body_m=body_m),),
             clock_offset_s=clock_s,
@@ -376,7 +376,7 @@ def _scenario(
 
 
 def _site(drawn: DrawnScene, place: Vector, *, rides: bool) -> dict[str, Any]:
-    """Keys of a site at latitude, longitude, height; what rides moves as the receivers do."""
+    """Return the keys of a site at latitude, longitude, height; what rides moves as the receivers do."""
     site: dict[str, Any] = dict(zip(("lat_deg", "lon_deg", "height_m"), place, strict=True))
     if drawn.motion == "still" or not rides:
         return site | ({"heading_deg": drawn.heading_deg} if drawn.motion == "still" else {})
@@ -410,7 +410,7 @@ def _transmitters(drawn: DrawnScene, attack: DrawnAttack, under: Scene) -> tuple
     rot = rot_enu_ecef(*geodetic_from_ecef(focus_ecef_m)[:2])
 
     def at(away_enu_m: Vector, rides: bool) -> dict[str, Any]:
-        """A place so far from the focus at the start; the way of what rides begins where the receivers' does."""
+        """Place something so far from the focus at the start; what rides begins with the receivers."""
         place = focus_ecef_m + rot.T @ np.array(away_enu_m)
         if rides and drawn.motion != "still":
             moved = under.skies[0].point(start_s).position_ecef_m[0] - body_ecef_m
@@ -474,13 +474,13 @@ def _transmitters(drawn: DrawnScene, attack: DrawnAttack, under: Scene) -> tuple
 
 
 def _spread_db(under: Scene, attack: DrawnAttack, transmit: Site) -> float:
-    """Power at the first receiver, for which the simulator states powers, over that at the focus."""
+    """Compute the power at the first receiver over that at the focus."""
     at_s = np.array([max(attack.onset_s, 0.0)])
-    there = ecef_from_geodetic(*transmit.geodetic_rad)
+    transmit_ecef_m = ecef_from_geodetic(*transmit.geodetic_rad)
     if transmit.path is not None:  # it keeps its place beside the focus
-        there = there + under.skies[attack.focus].point(at_s).position_ecef_m[0]
-        there = there - under.skies[attack.focus].point(np.zeros(1)).position_ecef_m[0]
-    away_m = [np.linalg.norm(sky.point(at_s).position_ecef_m[0] - there) for sky in under.skies]
+        transmit_ecef_m = transmit_ecef_m + under.skies[attack.focus].point(at_s).position_ecef_m[0]
+        transmit_ecef_m = transmit_ecef_m - under.skies[attack.focus].point(np.zeros(1)).position_ecef_m[0]
+    away_m = [np.linalg.norm(sky.point(at_s).position_ecef_m[0] - transmit_ecef_m) for sky in under.skies]
     return float(20.0 * np.log10(away_m[attack.focus] / away_m[0]))
 
 

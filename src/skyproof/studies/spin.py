@@ -19,13 +19,13 @@ from skyproof.studies.arm_angles import (
     arm_angles,
     authentic_threshold,
     circular_threshold,
+    detection_power,
+    fit_pairs,
     full_information,
-    paired_fit,
-    paired_information,
-    spoofed_detection,
+    pair_information,
 )
 from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
-from skyproof.studies.direction_tests import DirectionBlocks, blocks, dead_zone
+from skyproof.studies.direction_tests import DirectionBlocks, blocks, measure_dead_zone
 
 __all__ = ["STUDIES"]
 
@@ -50,7 +50,7 @@ def _level(pair_deg: Degrees) -> Reals:
 def _information(test: str, n: int) -> Reals:
     """Of a pair's difference, by the paper's differences or by the whole series less a quadratic."""
     angle = arm_angles(n, RATE)
-    return paired_information(angle, **OF_PAIR) if test == "paper" else full_information(angle, **OF_PAIR)
+    return pair_information(angle, **OF_PAIR) if test == "paper" else full_information(angle, **OF_PAIR)
 
 
 def _noncentrality(test: str, n: int, one: Degrees, other: Degrees) -> float:
@@ -75,7 +75,7 @@ def roc(settings: StudySettings) -> Iterator[Row]:
                     "noncentrality": far,
                     "p_fa": float(p_fa),
                     "threshold": limit,
-                    "p_d": float(spoofed_detection(limit)),
+                    "p_d": float(detection_power(limit)),
                 }
 
 
@@ -91,7 +91,7 @@ def _missed(test: str, n: int, grid: DirectionBlocks, *, share: bool) -> Reals:
     the usual one."""
     covariance = np.asarray(np.linalg.inv(_information(test, n)), np.float64)
     reference = direction_cosines(*np.radians(np.array(REFERENCES).T))
-    return dead_zone(reference, grid.direction, np.eye(3)[:2], covariance, weight=grid.share if share else 1.0)
+    return measure_dead_zone(reference, grid.direction, np.eye(3)[:2], covariance, weight=grid.share if share else 1.0)
 
 
 def dead_zones(settings: StudySettings) -> Iterator[Row]:
@@ -126,7 +126,7 @@ def scenario(settings: StudySettings) -> Iterator[Row]:
     trials = settings.count(50_000, 20_000)
     columns = arm_columns(arm_angles(n, RATE), RADIUS_CYC)
     for pair, other in SCENARIO:
-        for test, fit in (("paper", paired_fit), ("full", fit_whole_series)):
+        for test, fit in (("paper", fit_pairs), ("full", fit_whole_series)):
             far = _noncentrality(test, n, other, SPOOFER)
             limit = float(authentic_threshold(P_FA, far))
             spin = columns @ (_level(other) - _level(SPOOFER))
@@ -141,7 +141,7 @@ def scenario(settings: StudySettings) -> Iterator[Row]:
                 "n": n,
                 "noncentrality": far,
                 "threshold": limit,
-                "p_d_theory": float(spoofed_detection(limit)),
+                "p_d_theory": float(detection_power(limit)),
                 "p_d_simulated": same / trials,
                 "authentic_p_fa_simulated": apart / trials,
             }
@@ -160,7 +160,7 @@ def samples(settings: StudySettings) -> Iterator[Row]:
                 "test": test,
                 "n": n,
                 "noncentrality": far,
-                "p_d": float(spoofed_detection(authentic_threshold(P_FA, far))),
+                "p_d": float(detection_power(authentic_threshold(P_FA, far))),
                 "p_d_usual": float(noncentral_chi_square_survival(usual, 2, far)),
             }
 
@@ -172,13 +172,13 @@ def circular(settings: StudySettings) -> Iterator[Row]:
         rng, below = settings.rng(), 0
         for start in range(0, trials, CHUNK):
             noise = OF_PAIR["sigma_cyc"] * rng.standard_normal((min(CHUNK, trials - start), n))
-            statistic = paired_fit(noise, arm_angles(n, RATE), **OF_PAIR).statistic
+            statistic = fit_pairs(noise, arm_angles(n, RATE), **OF_PAIR).statistic
             below += int(np.sum(statistic < authentic_threshold(p_fa, statistic)))
         limit = circular_threshold(p_fa)
         yield {
             "p_fa": p_fa,
             "threshold": limit,
-            "p_d_theory": float(spoofed_detection(limit)),
+            "p_d_theory": float(detection_power(limit)),
             "p_d_simulated": below / trials,
         }
 

@@ -56,8 +56,14 @@ from skyproof.studies import discriminator_laws as laws
 from skyproof.studies import quality_metrics as sqm
 from skyproof.studies import vector_parity_tests as parity_tests
 from skyproof.studies import vector_rules as rules
-from skyproof.studies.arm_angles import arm_angles, full_information, paired_fit, paired_information, predicted_test
-from skyproof.studies.array_geometry import equilateral_triangle, single_statistic, unexplained
+from skyproof.studies.arm_angles import (
+    arm_angles,
+    compare_with_prediction,
+    fit_pairs,
+    full_information,
+    pair_information,
+)
+from skyproof.studies.array_geometry import equilateral_triangle, phase_residuals, single_statistic
 from skyproof.studies.decomposition_laws import (
     count_statistic,
     count_test,
@@ -66,9 +72,9 @@ from skyproof.studies.decomposition_laws import (
     simulate_taps,
 )
 from skyproof.studies.direction_tests import equal_p_value, outsider_statistic
-from skyproof.studies.double_difference import Tested, difference_test, pooled_correlation
+from skyproof.studies.double_difference import Tested, difference_test, estimate_pooled_correlation
 from skyproof.studies.exclusion import choose_fix
-from skyproof.studies.group_choice import fraction_test, known_baseline_test, known_sky_test, span_test
+from skyproof.studies.group_choice import check_known_baseline, check_known_sky, fraction_test, span_test
 from skyproof.studies.ins_array_figures import ERRORS, SIGMA_CYC
 from skyproof.studies.linear_tests import linear_model, linear_test
 from skyproof.studies.run_lengths import cusum_threshold, page_threshold
@@ -156,7 +162,7 @@ def cured(phi: float, constant_m: float = 0.0) -> Draw:
         errors = np.stack([_tracks(rng, (n, 30, 2), phi=phi) for _ in range(14)], axis=1)
         errors = errors + constant_m * rng.standard_normal((n, 14, 1, 2))
         sd = errors[..., 1:] - errors[..., :1]
-        estimate = pooled_correlation(sd)
+        estimate = estimate_pooled_correlation(sd)
         return difference_test(sd[:, 0] - sd[:, 1], phi=estimate, constant_sigma_m=constant_m).p_value
 
     return draw
@@ -214,12 +220,12 @@ def span(part: str, *, receivers: int = 2, apart: bool = True) -> Draw:
 
 def known_baseline(rng: np.random.Generator, n: int) -> Reals:
     """The pairing of one antenna, the sky over a known baseline of 20 m."""
-    return known_baseline_test(*_pairings(rng, n, 2, _BASELINE), _UNITS, _BASELINE)
+    return check_known_baseline(*_pairings(rng, n, 2, _BASELINE), _UNITS, _BASELINE)
 
 
 def known_sky(rng: np.random.Generator, n: int) -> Reals:
     """The pairing of the sky."""
-    return known_sky_test(_pairings(rng, n, 2, _BASELINE)[1], _UNITS, _BASELINE, 1.0)
+    return check_known_sky(_pairings(rng, n, 2, _BASELINE)[1], _UNITS, _BASELINE, 1.0)
 
 
 def fractions(sigma_cyc: float) -> Draw:
@@ -421,7 +427,7 @@ def satellites_in_place(test: str, *, errors: bool = True) -> Draw:
             tilt = np.sqrt(ERRORS["attitude_covariance_rad2"]) * rng.standard_normal((n, 3))
             seen = _UNITS @ np.swapaxes(Rotation.from_rotvec(tilt).as_matrix(), -1, -2)
         phase = seen @ np.swapaxes(wrong, -1, -2) + SIGMA_CYC * rng.standard_normal((n, 8, 3)) + rng.random((n, 8, 1))
-        z = unexplained(phase, _ELEMENTS, _UNITS)
+        z = phase_residuals(phase, _ELEMENTS, _UNITS)
         if test == "paper":
             return chi_square_survival(single_statistic(z[:, 3], _OWN), 2)
         z = z + rng.integers(-3, 4, z.shape)
@@ -487,7 +493,7 @@ def pair_of_spinning(test: str) -> Draw:
         angle, t = arm_angles(_SAMPLES, _TURN_RAD), np.arange(_SAMPLES) / 10.0
         phase = _PAIR["sigma_cyc"] * rng.standard_normal((n, _SAMPLES))
         if test == "paper":
-            return chi_square_survival(paired_fit(phase, angle, **_PAIR).statistic, 2)
+            return chi_square_survival(fit_pairs(phase, angle, **_PAIR).statistic, 2)
         phase = phase + 0.7 * rng.standard_normal((n, 1)) * t + 0.05 * rng.standard_normal((n, 1)) * t**2
         return chi_square_survival(fit_whole_series(phase, angle, **_PAIR).statistic, 2)
 
@@ -500,7 +506,7 @@ def spinning(*, direction_known: bool) -> Draw:
 
     def draw(rng: np.random.Generator, n: int) -> Reals:
         angle = arm_angles(150, _TURN_RAD)
-        information = paired_information(angle, **_PAIR)
+        information = pair_information(angle, **_PAIR)
         apart = direction_cosines(*np.radians([155.0, 50.0]))[:2] - direction_cosines(*np.radians([160.0, 55.0]))[:2]
         level = apart + rng.standard_normal((n, 2)) @ np.linalg.inv(np.linalg.cholesky(information))
         statistic = np.sum((level @ information) * level, axis=-1)
@@ -538,7 +544,7 @@ def predicted(*, start_known: bool) -> Draw:
         information = full_information(arm_angles(_SAMPLES, _TURN_RAD), **_ONE)
         root = np.linalg.inv(np.linalg.cholesky(information))
         seen = level + rng.standard_normal((n, 8, 2)) @ root
-        test = predicted_test(seen, level, information, start_known=start_known)
+        test = compare_with_prediction(seen, level, information, start_known=start_known)
         return chi_square_survival(test.statistic, test.dof)
 
     return draw

@@ -69,7 +69,7 @@ def run_branch(
     """
     steps = taps.shape[-3] // branch.sums
     blocks = taps[..., : steps * branch.sums, :, :].reshape(*taps.shape[:-3], steps, branch.sums, *taps.shape[-2:])
-    summed = laws.combined_taps(blocks, axis=-3)
+    summed = laws.combine_taps(blocks, axis=-3)
     u = laws.code_discriminator(summed[..., 0], summed[..., 2])
     y = parity_vector(u, law.phase_discriminator(summed[..., 1]), white, scores=scores)
     return cusum_path(y, branch.reference, state)

@@ -13,8 +13,8 @@ from skyproof.simulator.constellation import make_navigation
 from skyproof.simulator.scenario import FrontEnd
 from skyproof.simulator.scenes import read_ready_made
 from skyproof.simulator.sky import make_scene
-from skyproof.studies.protection.cell import written
-from skyproof.studies.protection.equipment import ELEMENTS_M, Equipped, equipped
+from skyproof.studies.protection.cell import write_platform
+from skyproof.studies.protection.equipment import ELEMENTS_M, Equipped, equip
 from skyproof.studies.protection.score import score
 
 pytestmark = pytest.mark.long
@@ -74,9 +74,9 @@ def made(name, folder, stated=None, **attack):
     attack : what is changed about it."""
     scenario = read_ready_made(name)
     attacks = tuple(one.model_copy(update=attack) for one in scenario.attacks)
-    found = equipped(scenario.model_copy(update={**CHANGES, "attacks": attacks}), "everything")
+    found = equip(scenario.model_copy(update={**CHANGES, "attacks": attacks}), "everything")
     scene = make_scene(found.scenario, make_navigation(found.scenario))
-    return scene, written(scene, found if stated is None else stated(found), folder)
+    return scene, write_platform(scene, found if stated is None else stated(found), folder)
 
 
 @pytest.mark.parametrize("name", ["clean", "starts-spoofed"])

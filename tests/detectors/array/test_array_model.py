@@ -27,15 +27,15 @@ from skyproof.statistics.distributions import (
     noncentral_chi_square_survival,
 )
 from skyproof.studies.array_geometry import (
-    between_signals,
     blind_directions,
     direction_statistic,
     equilateral_triangle,
+    phase_residuals,
     regular_tetrahedron,
     single_statistic,
-    unexplained,
+    subtract_first_signal,
 )
-from skyproof.studies.direction_tests import blocks, dead_zone, noncentrality_for_power
+from skyproof.studies.direction_tests import blocks, measure_dead_zone, noncentrality_for_power
 
 SIGMA = 0.01
 WHITE = white_covariance([SIGMA] * 3)
@@ -100,10 +100,10 @@ def test_blocks_of_figure_7():
     predicted = towards((40, 35), (160, 20), (240, 55), (320, 70), (120, 70))
     on_degrees = direction_cosines(*np.radians(np.meshgrid(np.arange(360), np.arange(91)))).reshape(-1, 3)
     design, middle = array_design(equilateral_triangle(1)), blocks()
-    assert list(dead_zone(predicted, on_degrees, design, WHITE)) == [123, 217, 119, 177, 177]
-    assert list(dead_zone(predicted, middle.direction, design, WHITE)) == [124, 218, 120, 172, 172]
+    assert list(measure_dead_zone(predicted, on_degrees, design, WHITE)) == [123, 217, 119, 177, 177]
+    assert list(measure_dead_zone(predicted, middle.direction, design, WHITE)) == [124, 218, 120, 172, 172]
     five = array_design(equilateral_triangle(5))
-    assert list(dead_zone(predicted, middle.direction, five, WHITE)) == [4, 8, 4, 8, 8]
+    assert list(measure_dead_zone(predicted, middle.direction, five, WHITE)) == [4, 8, 4, 8, 8]
 
 
 def test_blocks_of_figure_8():
@@ -114,14 +114,14 @@ def test_blocks_of_figure_8():
         5: [18, 24, 12, 10, 6, 6, 6, 6, 6, 6, 4, 4, 4, 4, 6, 8, 14, 40],
     }
     for side, counts in expected.items():
-        assert list(dead_zone(predicted, received, array_design(equilateral_triangle(side)), WHITE)) == counts
+        assert list(measure_dead_zone(predicted, received, array_design(equilateral_triangle(side)), WHITE)) == counts
 
 
 def test_the_worst_blocks_1554_and_232_to_the_block():
     received = blocks(azimuth_place=0.0).direction
     predicted = towards(*((0.5, el) for el in np.arange(85.5, 90)))
     for side, counts in ((1, [898, 1240, 1402, 1500, 1554]), (5, [22, 28, 40, 66, 232])):
-        assert list(dead_zone(predicted, received, array_design(equilateral_triangle(side)), WHITE)) == counts
+        assert list(measure_dead_zone(predicted, received, array_design(equilateral_triangle(side)), WHITE)) == counts
 
 
 def test_blocks_with_whole_cycles_unknown():
@@ -129,8 +129,8 @@ def test_blocks_with_whole_cycles_unknown():
     predicted = towards(*((0, el) for el in (2.5, 22.5, 45.5, 67.5, 89.5)))
     for side, counts in ((1, [564, 420, 346, 420, 1554]), (5, [482, 438, 474, 598, 676])):
         design = array_design(equilateral_triangle(side))
-        assert list(dead_zone(predicted, received, design, WHITE, wrapped=True)) == counts
-    worst = dead_zone(towards((0.5, 89.5)), blocks(azimuth_place=0.0).direction, design, WHITE, wrapped=True)
+        assert list(measure_dead_zone(predicted, received, design, WHITE, wrapped=True)) == counts
+    worst = measure_dead_zone(towards((0.5, 89.5)), blocks(azimuth_place=0.0).direction, design, WHITE, wrapped=True)
     assert worst == [686]
 
 
@@ -140,7 +140,7 @@ def test_the_map_of_the_whole_sky_is_fast():
     took_s = []
     for _ in range(2):
         start = time.process_time()
-        found = dead_zone(predicted, received, design, WHITE)
+        found = measure_dead_zone(predicted, received, design, WHITE)
         took_s.append(time.process_time() - start)
     assert found.shape == (1296,)
     assert min(took_s) < 2.0
@@ -151,7 +151,7 @@ def test_a_weighted_map_sums_the_share_of_the_hemisphere():
     design = array_design(equilateral_triangle(1))
     assert grid.share.sum() == pytest.approx(1.0)
     predicted = towards((40, 35), (160, 20), (240, 55), (320, 70))
-    share = dead_zone(predicted, grid.direction, design, WHITE, weight=grid.share)
+    share = measure_dead_zone(predicted, grid.direction, design, WHITE, weight=grid.share)
     np.testing.assert_allclose(100 * share, [0.487, 0.992, 0.336, 0.292], rtol=0.015)
 
 
@@ -219,7 +219,7 @@ def drawn(rng, trials, side, sky=SKY, elements=None, bias=0.0, tilt=TILT, sigma=
     true = sky @ np.swapaxes(rot, -1, -2)
     phase = true @ np.swapaxes(wrong, -1, -2) + bias * rng.standard_normal((trials, 1, len(elements)))
     phase = phase + sigma * rng.standard_normal(phase.shape) + rng.random((trials, len(sky), 1))
-    return unexplained(phase, elements, sky)
+    return phase_residuals(phase, elements, sky)
 
 
 @pytest.mark.parametrize("side", [1, 5])
@@ -230,7 +230,7 @@ def test_calibrated_tests_alarm_at_the_rate_asked_for(side):
     covariance = errors_of(side, bias_sigma_cyc=0.02)
     blocks = np.array([covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(8)])
     near = subtract_nearest_whole(z, blocks)[0]
-    without_bias, its_covariance = between_signals(near, errors_of(side))
+    without_bias, its_covariance = subtract_first_signal(near, errors_of(side))
     p_values = {
         "single": chi_square_survival(single_statistic(z, blocks, wrapped=True)[:, 3], 2),
         "joint": chi_square_survival(joint_statistic(z, covariance, wrapped=True), 16),
@@ -278,8 +278,8 @@ def test_neither_the_first_antenna_nor_satellite_matters():
             position_sigma_cyc=np.arange(1.0, 6.0)[antennas] * 0.01,
             **settings,
         )
-        z = unexplained(phase[:, satellites][..., antennas], elements[antennas], SKY[satellites])
-        return joint_statistic(*between_signals(z, covariance)) if fair else joint_statistic(z, covariance)
+        z = phase_residuals(phase[:, satellites][..., antennas], elements[antennas], SKY[satellites])
+        return joint_statistic(*subtract_first_signal(z, covariance)) if fair else joint_statistic(z, covariance)
 
     for fair in (False, True):
         expected = statistic(np.arange(5), np.arange(8), fair)
@@ -389,9 +389,9 @@ def test_a_blind_direction_is_found_only_without_whole_cycles():
 def test_longer_baselines_need_known_cycles_to_see_more(side, plain, wrapped):
     predicted, received = hemisphere(100), hemisphere(50_000)
     design = array_design(equilateral_triangle(side))
-    found = dead_zone(predicted, received, design, WHITE).mean() / len(received) * 100
+    found = measure_dead_zone(predicted, received, design, WHITE).mean() / len(received) * 100
     assert found == pytest.approx(plain, rel=0.03)
-    found = dead_zone(predicted, received, design, WHITE, wrapped=True).mean() / len(received) * 100
+    found = measure_dead_zone(predicted, received, design, WHITE, wrapped=True).mean() / len(received) * 100
     assert found == pytest.approx(wrapped, rel=0.06)
 
 
@@ -413,7 +413,7 @@ def test_two_frequencies_two_scales_or_a_fourth_antenna_mend_it():
         received = hemisphere(30_000)
         if sphere:
             received = np.vstack([received, -received])
-        found = dead_zone(hemisphere(60), received, design, covariance, wrapped=True)
+        found = measure_dead_zone(hemisphere(60), received, design, covariance, wrapped=True)
         return 100 * found.mean() / len(received)
 
     assert share(equilateral_triangle(1)) == pytest.approx(1.65, rel=0.06)

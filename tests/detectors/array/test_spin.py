@@ -34,16 +34,16 @@ from skyproof.studies.arm_angles import (
     arm_angles,
     authentic_threshold,
     circular_threshold,
+    compare_with_prediction,
+    detection_power,
+    fit_pairs,
     full_information,
-    paired_fit,
-    paired_information,
-    predicted_test,
-    spoofed_detection,
+    pair_information,
 )
 from skyproof.studies.direction_tests import (
     blocks,
-    dead_zone,
     equal_p_value,
+    measure_dead_zone,
     noncentrality_for_power,
     outsider_statistic,
 )
@@ -64,7 +64,7 @@ APART = level(155, 50) - level(160, 55)
 
 def far(test, n, apart=APART, **settings):
     angle = arm_angles(n, W)
-    information = paired_information if test == "paper" else full_information
+    information = pair_information if test == "paper" else full_information
     return float(apart @ information(angle, **PAIR, **settings) @ apart)
 
 
@@ -83,12 +83,12 @@ def test_information_of_the_papers_differences():
         300: 1.83538 * np.eye(2),
     }
     for n, matrix in expected.items():
-        np.testing.assert_allclose(paired_information(arm_angles(n, W), **PAIR) * 4e-4, matrix, atol=5.1e-6)
+        np.testing.assert_allclose(pair_information(arm_angles(n, W), **PAIR) * 4e-4, matrix, atol=5.1e-6)
 
 
 def test_every_sample_is_used_at_most_once_and_noise_stays_white():
     for n, rows in ((40, 20), (50, 24), (150, 74), (200, 100), (300, 150)):
-        sizes = paired_fit(np.eye(n), arm_angles(n, W), **PAIR)
+        sizes = fit_pairs(np.eye(n), arm_angles(n, W), **PAIR)
         used = np.linalg.norm(sizes.level, axis=-1) > 0
         assert used.sum() == 2 * rows
 
@@ -108,7 +108,7 @@ def test_thresholds_and_detection_of_the_paper(apart, n, noncentrality, threshol
     limit = authentic_threshold(0.01, found)
     assert found == pytest.approx(noncentrality, abs=6e-5)
     assert float(limit) == pytest.approx(threshold, abs=5.1e-5)
-    assert float(spoofed_detection(limit)) == pytest.approx(p_d, abs=5.1e-5)
+    assert float(detection_power(limit)) == pytest.approx(p_d, abs=5.1e-5)
 
 
 def test_operating_characteristics():
@@ -123,7 +123,7 @@ def test_operating_characteristics():
     for n, (noncentrality, *powers) in expected.items():
         found = far("paper", n)
         assert found == pytest.approx(noncentrality, abs=6e-5)
-        np.testing.assert_allclose(spoofed_detection(authentic_threshold([1e-3, 1e-2, 1e-1], found)), powers, atol=6e-5)
+        np.testing.assert_allclose(detection_power(authentic_threshold([1e-3, 1e-2, 1e-1], found)), powers, atol=6e-5)
 
 
 @pytest.mark.parametrize(
@@ -138,8 +138,8 @@ def test_operating_characteristics():
 def test_dead_zones(n, paper, full):
     reference = direction_cosines(*np.radians([(40, 160, 240, 320), (35, 20, 55, 70)]))
     grid, angle = blocks(), arm_angles(n, W)
-    for expected, information in ((paper, paired_information(angle, **PAIR)), (full, full_information(angle, **PAIR))):
-        found = dead_zone(reference, grid.direction, np.eye(3)[:2], np.linalg.inv(information))
+    for expected, information in ((paper, pair_information(angle, **PAIR)), (full, full_information(angle, **PAIR))):
+        found = measure_dead_zone(reference, grid.direction, np.eye(3)[:2], np.linalg.inv(information))
         assert np.abs(found - expected).max() <= 1
     if n == 150:
         assert np.all(20 * np.array(full) < paper)
@@ -147,25 +147,25 @@ def test_dead_zones(n, paper, full):
 
 def test_the_smaller_dead_zone_of_figure_5():
     grid = blocks()
-    covariance = np.linalg.inv(paired_information(arm_angles(150, W), **PAIR))
+    covariance = np.linalg.inv(pair_information(arm_angles(150, W), **PAIR))
     reference = direction_cosines(*np.radians([[160], [55]]))
     # In the paper's sense: the threshold that a same pair stays below with 0.8, an authentic one with 0.01.
     rates = {"power": 0.99, "false_alarm_probability": 0.2}
     assert float(noncentrality_for_power(0.99, 0.2, 2)) == pytest.approx(15.4596, abs=5e-5)
-    assert dead_zone(reference, grid.direction, np.eye(3)[:2], covariance, **rates) == [151]
+    assert measure_dead_zone(reference, grid.direction, np.eye(3)[:2], covariance, **rates) == [151]
     near = direction_cosines(*np.radians([(148, 158, 160), (50, 53, 55)]))
-    inside = [dead_zone(reference, direction[None], np.eye(3)[:2], covariance, **rates)[0] for direction in near]
+    inside = [measure_dead_zone(reference, direction[None], np.eye(3)[:2], covariance, **rates)[0] for direction in near]
     assert inside == [0.0, 1.0, 1.0]
 
 
 def test_the_rule_finds_one_spoofed_pair_in_a_hundred():
     limit = circular_threshold(0.01)
     assert limit == pytest.approx(0.020306, abs=5e-7)
-    assert float(spoofed_detection(limit)) == pytest.approx(0.0101, abs=5e-5)
+    assert float(detection_power(limit)) == pytest.approx(0.0101, abs=5e-5)
     assert circular_threshold(0.1) == pytest.approx(0.237, abs=5e-4)
-    assert float(spoofed_detection(circular_threshold(0.1))) == pytest.approx(0.112, abs=5e-4)
+    assert float(detection_power(circular_threshold(0.1))) == pytest.approx(0.112, abs=5e-4)
     noise = PAIR["sigma_cyc"] * np.random.default_rng(1).standard_normal((50_000, 150))
-    statistic = paired_fit(noise, arm_angles(150, W), **PAIR).statistic
+    statistic = fit_pairs(noise, arm_angles(150, W), **PAIR).statistic
     np.testing.assert_array_equal(statistic < authentic_threshold(0.01, statistic), statistic < limit)
     assert binomial_two_sided(int(np.sum(statistic < limit)), statistic.size, 0.0101) > 1e-4
 
@@ -199,7 +199,7 @@ def test_detection_and_the_fewest_samples():
     assert far("full", 150, level(148, 50) - level(160, 55)) == pytest.approx(1903, abs=0.5)
     assert far("full", 150, level(158, 53) - level(160, 55)) == pytest.approx(115.35, abs=5e-3)
     assert float(authentic_threshold(0.01, far("full", 40))) == pytest.approx(32.355, abs=1e-3)
-    in_papers_sense = [float(spoofed_detection(authentic_threshold(0.01, far("full", n)))) for n in (20, 30, 36)]
+    in_papers_sense = [float(detection_power(authentic_threshold(0.01, far("full", n)))) for n in (20, 30, 36)]
     np.testing.assert_allclose(in_papers_sense, [0.0116, 0.7645, 0.99993], atol=6e-5)
     in_usual_sense = [float(usual(far("full", n))) for n in (20, 30, 36)]
     np.testing.assert_allclose(in_usual_sense, [0.0173, 0.8275, 0.99988], atol=6e-5)
@@ -250,7 +250,7 @@ def test_a_drifting_spoofed_pair_keeps_the_full_tests_rate(n):
     p = chi_square_survival(fit_whole_series(y, arm_angles(n, 1.05 * W, start_rad=1.0), **PAIR).statistic, 2)
     assert binomial_two_sided(int(np.sum(p < 0.01)), p.size, 0.01) > 1e-4
     if n == 150:
-        drift = paired_fit(0.07 * np.arange(n), arm_angles(n, W), **PAIR).statistic
+        drift = fit_pairs(0.07 * np.arange(n), arm_angles(n, W), **PAIR).statistic
         assert float(drift) == pytest.approx(37.7, abs=0.1)
 
 
@@ -331,13 +331,13 @@ def test_predicted_directions_with_a_start_angle_to_estimate(n):
     rng = np.random.default_rng(7)
     y = series(rng, SKY, n, trials=(10_000,), start=0.8)
     fit = fit_whole_series(subtract_mean(y), arm_angles(n, W), **ONE)
-    found = predicted_test(fit.level, SKY, fit.information, start_known=False)
+    found = compare_with_prediction(fit.level, SKY, fit.information, start_known=False)
     assert found.dof == 13
     assert np.median(found.start_rad) == pytest.approx(0.8, abs=2e-3)
     p = chi_square_survival(found.statistic, found.dof)
     assert binomial_two_sided(int(np.sum(p < 0.01)), p.size, 0.01) > 1e-4
     known = fit_whole_series(subtract_mean(y), arm_angles(n, W, start_rad=0.8), **ONE)
-    exact = predicted_test(known.level, SKY, known.information)
+    exact = compare_with_prediction(known.level, SKY, known.information)
     assert exact.dof == 14
     p = chi_square_survival(exact.statistic, 14)
     assert binomial_two_sided(int(np.sum(p < 0.01)), p.size, 0.01) > 1e-4
@@ -350,12 +350,12 @@ def test_one_satellite_that_is_not_where_predicted(n, lifted, p_d):
     information = full_information(arm_angles(n, W), **ONE)
     start = np.arange(0.0, 2.0 * np.pi, 0.05)  # at one turn much depends on where it starts
     rot = np.moveaxis(np.array([[np.cos(start), -np.sin(start)], [np.sin(start), np.cos(start)]]), -1, 0)
-    shift = predicted_test(sky @ np.swapaxes(rot, -1, -2), SKY, information, start_known=False).statistic
+    shift = compare_with_prediction(sky @ np.swapaxes(rot, -1, -2), SKY, information, start_known=False).statistic
     found = noncentral_chi_square_survival(chi_square_threshold(0.01, 13), 13, shift)
     assert found.mean() == pytest.approx(p_d, abs=0.025)
     y = series(np.random.default_rng(8), sky, n, trials=(4000,), start=start[16])
     fit = fit_whole_series(subtract_mean(y), arm_angles(n, W), **ONE)
-    counted = predicted_test(fit.level, SKY, fit.information, start_known=False).statistic
+    counted = compare_with_prediction(fit.level, SKY, fit.information, start_known=False).statistic
     assert np.mean(counted > chi_square_threshold(0.01, 13)) == pytest.approx(found[16], abs=0.02)
 
 
@@ -384,7 +384,7 @@ def test_a_half_cycle_slip_stands_out_and_would_divide_a_pair():
     np.testing.assert_array_equal(statistic.argmax(axis=-1), np.arange(4, 145))
     np.testing.assert_allclose(size[np.arange(141), np.arange(4, 145)], 0.5, rtol=1e-9)
     near_the_middle = np.arange(150) >= 70
-    for fit, half, whole in ((fit_whole_series, 1199, 4795), (paired_fit, 68, 273)):
+    for fit, half, whole in ((fit_whole_series, 1199, 4795), (fit_pairs, 68, 273)):
         for step, bias in ((0.5, half), (1.0, whole)):
             found = fit(step * near_the_middle, arm_angles(150, W), **PAIR).statistic
             assert float(found) == pytest.approx(bias, abs=0.5)

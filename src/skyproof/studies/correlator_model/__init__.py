@@ -1,6 +1,6 @@
 """The receiver and `protect` behind correlators that are drawn at random: what every tap holds, without samples.
 
-Loops, lock control, telemetry, measurements, detectors, prediction and decision are the package's own, as they are. In
+Loops, lock control, telemetry, measurements, detectors, prediction and decision are the package's own, unchanged. In
 place of samples and of the kernels that correlate them stand signals and reflections of a simulated scene: over each
 code period a wave of amplitude A adds to a tap d chips ahead
 

@@ -30,7 +30,10 @@ class CodeCorrelation:
 def tabulate_correlation(
     prn: int, rate_hz: float, bandwidth_hz: float | None, band_hz: float | None
 ) -> CodeCorrelation:
-    """band_hz : to which a replica is cut; None stands for the receiver's own low-pass."""
+    """Tabulate the correlation of a code with a replica.
+
+    band_hz : to which a replica is cut; None stands for the receiver's own low-pass.
+    """
     code = SIGNAL.code(prn).astype(np.float64)
     lines = np.arange(code.size * POINTS // 2 + 1)
     hz = lines / code.size * SIGNAL.chip_rate_hz
@@ -46,13 +49,13 @@ def tabulate_correlation(
 
 
 def interpolate(table: Reals, lag_chips: Reals) -> Reals:
-    """A table of `POINTS` a chip at lags of any shape."""
+    """Interpolate a table of `POINTS` a chip at lags of any shape."""
     at = np.mod(lag_chips * POINTS, table.size)
     whole = at.astype(np.int64)
     return np.asarray(table[whole % table.size] * (1.0 - at + whole) + table[(whole + 1) % table.size] * (at - whole))
 
 
 def noise_root(table: Reals, delays_chips: Reals) -> Reals:
-    """Lower triangle whose square is the covariance of replicas' noise, of variance 1 a sample."""
+    """Compute the lower triangle whose square is the covariance of replicas' noise, of variance 1."""
     covariance = interpolate(table, np.subtract.outer(delays_chips, delays_chips))
     return np.linalg.cholesky(covariance + _RIDGE * table[0] * np.eye(delays_chips.size))

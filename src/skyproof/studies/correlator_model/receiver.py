@@ -91,11 +91,11 @@ class ModelReceiver(Receiver):
         return replace(state, loops=loops, rows=rows, counts=counts, prompts=prompts, noise=noise_power)
 
     def stretches(self, begin: int, end: int) -> list[tuple[Waves, int]]:
-        """What arrives from sample `begin` on, and up to where."""
+        """Return what arrives from sample `begin` on, and up to where."""
         return [(self.waves, end)]
 
     def replace_waves(self, waves: Waves) -> None:
-        """Let something else arrive from now on, in searches and grids as well."""
+        """Replace what arrives from now on, in searches and grids as well."""
         self.waves = waves
         for searcher in (self._lookout.searcher, self._lookout.near_searcher):
             searcher.waves = waves  # type: ignore[attr-defined]
@@ -137,7 +137,7 @@ def _track_periods(
     out: Reals,
     count: Integers,
 ) -> None:
-    """`kernels.advance` of one channel, with waves in place of samples before the absolute index `end`."""
+    """Track one channel as `kernels.advance` does, with waves in place of samples before index `end`."""
     n_taps, n_waves = taps_chips.shape[0], code_s.shape[1]
     sums = np.empty((n_taps, 2))
     while count[0] < out.shape[0]:
@@ -206,12 +206,13 @@ class ModelLookout(Lookout):
     ) -> None:
         super().__init__(rate_hz, if_hz, settings)
         searchers = [
-            ModelSearcher(one.doppler_step_hz, waves, rate_hz, rng) for one in (settings.search, settings.near_search)
+            ModelSearcher(search.doppler_step_hz, waves, rate_hz, rng)
+            for search in (settings.search, settings.near_search)
         ]
         self.searcher, self.near_searcher = searchers  # type: ignore[assignment]
 
     def look(self, state: ReceiverState, begin: int, rows_shape: tuple[int, int]) -> ReceiverState:
-        """As a search of samples."""
+        """Look for signals as in a search of samples."""
         for searcher in (self.searcher, self.near_searcher):
             searcher.begin = begin  # type: ignore[attr-defined]
         return super().look(state, begin, rows_shape)
@@ -227,7 +228,7 @@ class ModelSearcher:
     def search(
         self, samples: Floats, if_hz: float, dopplers: Mapping[str, Reals], known: Mapping[str, Sequence[KnownSignal]]
     ) -> list[Peak]:
-        """As `Searcher.search`."""
+        """Search as `Searcher.search`."""
         w, step = self.waves, min(int(self.begin / self.rate_hz / STEP_S), self.waves.amplitude.shape[0] - 1)
         at_s = self.begin / self.rate_hz
         u = at_s / STEP_S - step
@@ -236,14 +237,14 @@ class ModelSearcher:
             dbhz = 10.0 * np.log10(0.5 * w.amplitude[step] ** 2 / w.white[step] * self.rate_hz)
         found = []
         for sat, grid in dopplers.items():
-            taken = [one.delay_s for one in known.get(sat, ())]
-            for wave in sorted(w.of(sat).tolist(), key=lambda one: -dbhz[one]):
+            taken = [signal.delay_s for signal in known.get(sat, ())]
+            for wave in sorted(w.of(sat).tolist(), key=lambda k: -dbhz[k]):
                 doppler_hz = float(w.turns_cyc[step, wave, 1] + 2.0 * u * w.turns_cyc[step, wave, 2]) / STEP_S - if_hz
                 sent_s = at_s + float(w.code_s[step, wave] @ powers)
                 delay_s = -sent_s % SIGNAL.period_s
                 if dbhz[wave] < FIND_DBHZ or np.abs(grid - doppler_hz).min() > 0.6 * self.step_hz:
                     continue
-                if any(abs(_apart_s(delay_s, one)) * SIGNAL.chip_rate_hz < FIND_CHIPS for one in taken):
+                if any(abs(_apart_s(delay_s, other_s)) * SIGNAL.chip_rate_hz < FIND_CHIPS for other_s in taken):
                     continue
                 taken.append(delay_s)
                 off_chips, off_hz = self.rng.standard_normal(2) * (FOUND_CHIPS, FOUND_HZ)

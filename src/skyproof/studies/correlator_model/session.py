@@ -46,7 +46,7 @@ def receive_antenna(
     rng: np.random.Generator,
     unit: AntennaUnit | None = None,
 ) -> Reception:
-    """What a receiver behind drawn correlators receives at antenna number `index`."""
+    """Receive at antenna number `index`, behind drawn correlators."""
     wanted = build_receiver_settings(GPS_SATS, settings, asked())
     return track_scene(scene, index, ModelReceiver(scene, index, wanted, rng), navigation, settings, unit)[0]
 
@@ -59,7 +59,7 @@ def track_scene(
     settings: Settings,
     unit: AntennaUnit | None = None,
 ) -> tuple[Reception, Tracker]:
-    """What a receiver receives of the whole scene, and what it kept of how."""
+    """Track the whole scene, and return the reception and the tracker."""
     front_end, name = scene.scenario.front_end, scene.skies[index].name
     samples = Samples(
         name=name,
@@ -90,7 +90,7 @@ def protect_scene(
     seed: int,
     receive: Callable[..., Reception] = receive_antenna,
 ) -> tuple[Verdict, Outcome]:
-    """As `protect` with the scene's recordings, the navigation file and the platform file.
+    """Protect as `protect` does with the scene's recordings, navigation file and platform file.
 
     receive : with the arguments of `receive_antenna`, what a receiver receives.
     """

@@ -42,12 +42,12 @@ class Waves:
     lead_s: float
 
     def of(self, sat: str) -> Integers:
-        """Which waves are of a satellite."""
+        """Select the waves of a satellite."""
         return np.flatnonzero(np.array(self.sats) == sat)
 
 
 def compute_waves(scene: Scene, index: int) -> Waves:
-    """Of antenna number `index` over the whole scene."""
+    """Compute the waves at antenna number `index` over the whole scene."""
     sky, front_end = scene.skies[index], scene.scenario.front_end
     if front_end.kind != "complex":
         raise ValueError("samples must be complex")
@@ -70,9 +70,9 @@ def compute_waves(scene: Scene, index: int) -> Waves:
     }
     alone, among = (correlate(scene, index, middle_s, others=each, **seen) for each in ("neglected", "noise"))
     parts = alone.parts
-    own = (parts.channel == parts.signal) & (parts.ray < 0)
+    direct = (parts.channel == parts.signal) & (parts.ray < 0)
     amplitude = np.zeros((n_steps, len(sky.signals)))
-    amplitude[:, parts.signal[own]] = np.abs(parts.weight[:, own])
+    amplitude[:, parts.signal[direct]] = np.abs(parts.weight[:, direct])
     amplitude = amplitude[:, of] * np.array([1.0] * len(sky.signals) + [ray.amplitude for ray in sky.rays])
     sampled = front_end.rate_hz * SIGNAL.period_s
     rows, messages = find_rows(scene.messages, [sky.signals[column] for column in of]), scene.messages
@@ -91,6 +91,6 @@ def compute_waves(scene: Scene, index: int) -> Waves:
 
 
 def _parabolas(values: Reals) -> Reals:
-    """Through start, middle and end of each step: (2 n_steps + 1, n) to (n_steps, n, 3)."""
+    """Fit parabolas through start, middle and end of each step: (2 n_steps + 1, n) to (n_steps, n, 3)."""
     first, middle, last = values[:-2:2], values[1::2], values[2::2]
     return np.stack([first, 4.0 * middle - 3.0 * first - last, 2.0 * (first + last) - 4.0 * middle], axis=-1)

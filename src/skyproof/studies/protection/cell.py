@@ -17,10 +17,10 @@ from skyproof.simulator.files import write_samples, write_series
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import Antenna, Attack, FrontEnd, Interference, Scenario, Takeover
 from skyproof.simulator.sky import make_scene
-from skyproof.studies.protection.equipment import ATTITUDE_DEG, Equipped, equipped
+from skyproof.studies.protection.equipment import ATTITUDE_DEG, Equipped, equip
 from skyproof.studies.protection.score import score
 
-__all__ = ["rows_of", "stretch_of", "written", "written_without_samples"]
+__all__ = ["cut_scene", "make_rows", "write_platform", "write_without_samples"]
 
 AT_MOST_HZ: Final = 5e6
 FIVE_MSPS: Final = FrontEnd(rate_hz=5e6, bandwidth_hz=4e6, encoding="sign-magnitude", bits=2)
@@ -29,8 +29,8 @@ LATE_S: Final = {"meacon-ramp": 180.0}
 """Where a stretch begins that does not begin before the onset: what is 14 dB too weak at first is not received."""
 
 
-def stretch_of(scenario: Scenario) -> Scenario:
-    """At most `LONGEST_S` of a scene, from `BEFORE_S` before it begins, at no more than `AT_MOST_HZ`."""
+def cut_scene(scenario: Scenario) -> Scenario:
+    """Cut at most `LONGEST_S` of a scene, from `BEFORE_S` before it begins, at no more than `AT_MOST_HZ`."""
     changes: dict[str, Any] = {}
     if scenario.front_end.rate_hz > AT_MOST_HZ:
         changes["front_end"] = FIVE_MSPS
@@ -39,7 +39,7 @@ def stretch_of(scenario: Scenario) -> Scenario:
         from_s = LATE_S.get(scenario.name, min(from_s, scenario.duration_s - LONGEST_S))
         changes["duration_s"] = LONGEST_S
         for kind in ("attacks", "interference"):
-            changes[kind] = tuple(one for one in getattr(scenario, kind) if one.onset_s < from_s + LONGEST_S)
+            changes[kind] = tuple(source for source in getattr(scenario, kind) if source.onset_s < from_s + LONGEST_S)
         changes["receivers"] = tuple(
             r.model_copy(update={"start_offset_s": r.start_offset_s + from_s}) for r in scenario.receivers
         )
@@ -47,30 +47,35 @@ def stretch_of(scenario: Scenario) -> Scenario:
 
 
 def _begins_s(attack: Attack | Interference) -> float:
-    """The onset; of a takeover that is there before the first sample, when it begins to draw off."""
+    """Return the onset; of a takeover that is there from the start, when it begins to drag off."""
     if attack.onset_s > 0.0 or not isinstance(attack, Takeover):
         return attack.onset_s
     return min((point[0] for point in (*attack.away_points_enu_m, *attack.clock_points_s)), default=0.0)
 
 
-def rows_of(scenario: Scenario, equipments: Sequence[str], folder: Path) -> list[dict[str, Any]]:
-    """A row for each equipment that the scene can have.
+def make_rows(scenario: Scenario, equipments: Sequence[str], folder: Path) -> list[dict[str, Any]]:
+    """Make a row for each equipment that the scene can have.
 
     Samples are rendered once, for the equipment that has all antennas of the others, which use some of its files.
     Raises ValueError if none of them has. folder : for samples and outputs, empty.
     """
-    stretch = stretch_of(scenario)
-    found = {name: one for name in equipments if (one := equipped(stretch, name)) is not None}
-    scenes = {name: make_scene(one.scenario, make_navigation(one.scenario)) for name, one in found.items()}
-    files = _rendered(max(scenes.values(), key=lambda scene: len(scene.skies)), folder)
-    return [_row(scenario.name, name, scenes[name], one, files, folder) for name, one in found.items()]
+    stretch = cut_scene(scenario)
+    found = {name: equipped_scene for name in equipments if (equipped_scene := equip(stretch, name)) is not None}
+    scenes = {
+        name: make_scene(equipped_scene.scenario, make_navigation(equipped_scene.scenario))
+        for name, equipped_scene in found.items()
+    }
+    files = _render(max(scenes.values(), key=lambda scene: len(scene.skies)), folder)
+    return [
+        _row(scenario.name, name, scenes[name], equipped_scene, files, folder) for name, equipped_scene in found.items()
+    ]
 
 
 _Files = Mapping[tuple[str, Antenna], Path]
 """By receiver and antenna, whatever that is called."""
 
 
-def _rendered(scene: Scene, folder: Path) -> _Files:
+def _render(scene: Scene, folder: Path) -> _Files:
     return dict(zip(_antennas(scene), write_samples(scene, folder, "raw"), strict=True))
 
 
@@ -100,18 +105,18 @@ def _row(name: str, equipment: str, scene: Scene, found: Equipped, files: _Files
     }
 
 
-def written(scene: Scene, found: Equipped, folder: Path) -> Path:
-    """The platform file, with all that it names; the orbits in `broadcast.rnx` beside it."""
-    return _platform(scene, found, list(_rendered(scene, folder).values()), folder)
+def write_platform(scene: Scene, found: Equipped, folder: Path) -> Path:
+    """Write the platform file with all that it names, and the orbits in `broadcast.rnx` beside it."""
+    return _platform(scene, found, list(_render(scene, folder).values()), folder)
 
 
-def written_without_samples(scene: Scene, found: Equipped, folder: Path) -> Path:
-    """Write the platform file of a scene whose samples nobody reads, and the orbits and readings beside it."""
+def write_without_samples(scene: Scene, found: Equipped, folder: Path) -> Path:
+    """Write the platform file of a scene whose samples are not read, and the orbits and readings beside it."""
     return _platform(scene, found, [Path(f"{sky.name}.bin") for sky in scene.skies], folder)
 
 
 def _platform(scene: Scene, found: Equipped, files: Sequence[Path], folder: Path) -> Path:
-    """files : of the antennas of the scene, in their order."""
+    """Write the platform file. files : of the antennas of the scene, in their order."""
     write_nav(folder / "broadcast.rnx", scene.navigation)
     write_series(scene, folder)
     stated = dict(found.stated) | {"receivers": _tables(scene, found.stated["receivers"], files)}
@@ -124,7 +129,7 @@ def _platform(scene: Scene, found: Equipped, files: Sequence[Path], folder: Path
 
 
 def _tables(scene: Scene, tables: Sequence[Mapping[str, Any]], files: Sequence[Path]) -> list[dict[str, Any]]:
-    """With the recordings of each receiver's antennas."""
+    """Add the recordings of each receiver's antennas to its table."""
     of = [sky.receiver.name for sky in scene.skies]
     return [
         {**table, "inputs": [file.name for name, file in zip(of, files, strict=True) if name == table["name"]]}

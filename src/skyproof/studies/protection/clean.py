@@ -17,7 +17,7 @@ from skyproof.simulator.scenario import FrontEnd, Multipath, Scenario, SceneRece
 from skyproof.simulator.sites import Circle, WayPoints
 from skyproof.studies.base import Row, Study, StudySettings
 from skyproof.studies.protection.equipment import EQUIPMENT
-from skyproof.studies.protection.items import SharedSamples, cells_of, done
+from skyproof.studies.protection.items import SharedSamples, list_cells, run_cells
 from skyproof.verdict import WORDS
 
 __all__ = ["NAME", "STUDY", "clean_sky"]
@@ -38,7 +38,7 @@ _SAMPLES: Final[Sequence[tuple[Literal["sign", "sign-magnitude", "int"], int]]] 
 
 
 def clean_sky(seed: int, number: int, duration_s: float = RUN_S) -> Scenario:
-    """One of the runs of a seed."""
+    """Draw one of the runs of a seed."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
     rate_hz = float(rng.choice([2e6, 2.6e6, 4e6]))
     encoding, bits = _SAMPLES[int(rng.integers(len(_SAMPLES)))]
@@ -74,7 +74,7 @@ def _receiver(rng: np.random.Generator, duration_s: float) -> SceneReceiver:
 
 
 def _way(rng: np.random.Generator, duration_s: float) -> WayPoints:
-    """Along a street with bends, as long as the run takes."""
+    """Draw a way along a street with bends, as long as the run takes."""
     speed_m_s, heading_rad, points = rng.uniform(1.0, 25.0), rng.uniform(0.0, 2.0 * np.pi), [np.zeros(3)]
     for _ in range(int(duration_s / 20.0) + 3):
         leg_m = 20.0 * speed_m_s
@@ -91,7 +91,7 @@ def _circle(rng: np.random.Generator) -> Circle:
 
 
 def _ray(rng: np.random.Generator) -> Multipath:
-    """From level ground below, of all satellites; or from a wall, of some."""
+    """Draw reflections from level ground below, of all satellites; or from a wall, of some."""
     way: dict[str, Any] = {"height_m": rng.uniform(0.5, 20.0)}
     if rng.random() < 0.6:
         some = rng.choice(GPS_SATS, size=rng.integers(3, 12), replace=False)
@@ -101,22 +101,22 @@ def _ray(rng: np.random.Generator) -> Multipath:
 
 
 def cells(settings: StudySettings) -> list[SharedSamples]:
-    """trials : how many skies."""
+    """List the items of work. trials : how many skies."""
     if settings.quick:
         return [SharedSamples(scenario=clean_sky(settings.seed, 0, QUICK_S), equipments=QUICK)]
     skies = [clean_sky(settings.seed, number) for number in range(settings.count(RUNS, 1))]
-    return [one for sky in skies for one in cells_of(sky)]
+    return [cell for sky in skies for cell in list_cells(sky)]
 
 
 def rows(settings: StudySettings) -> Iterator[Row]:
-    """A row for each equipment and one of all, once all runs are done; the errors of those that could not be done.
+    """Yield a row for each equipment and one of all, once all runs are done; then errors.
 
     false_alarms : windows in which a test says attack or spoofed; at_most_an_hour : of them, at 95 %, if they come one
-        by one. Other columns are sums of the matrix's, or the worst. Raises KeyboardInterrupt as `done`.
+        by one. Other columns are sums of the matrix's, or the worst. Raises KeyboardInterrupt as `run_cells`.
     """
     found, interrupted = list[dict[str, Any]](), False
     try:
-        for row in done(cells(settings), NAME, settings):
+        for row in run_cells(cells(settings), NAME, settings):
             if "error" in row:
                 yield row
             else:
@@ -124,8 +124,8 @@ def rows(settings: StudySettings) -> Iterator[Row]:
     except KeyboardInterrupt:
         interrupted = True
     for name in EQUIPMENT:
-        if own := [row for row in found if row["equipment"] == name]:
-            yield _sum(name, own)
+        if rows_of_equipment := [row for row in found if row["equipment"] == name]:
+            yield _sum(name, rows_of_equipment)
     if found:
         yield _sum("all", found)
     if interrupted:
@@ -134,14 +134,14 @@ def rows(settings: StudySettings) -> Iterator[Row]:
 
 def _sum(name: str, found: Sequence[Mapping[str, Any]]) -> Row:
     hours = sum(row["duration_s"] for row in found) / 3600.0
-    said: dict[str, int] = {word: sum(row["verdict"] == word for row in found) for word in WORDS}
+    words: dict[str, int] = {word: sum(row["verdict"] == word for row in found) for word in WORDS}
     sums = {column: sum(row[column] for row in found) for column in SUMS}
     at_most = chi2.ppf(PROBABILITY, 2 * (sums["false_alarms"] + 1)) / 2.0 / hours
     return {
         "equipment": name,
         "runs": len(found),
         "hours": round(hours, 3),
-        **said,
+        **words,
         **sums,
         "at_most_an_hour": round(float(at_most), 3),
         "trusted_worst_m": max((row["trusted_worst_m"] for row in found if row["trusted_worst_m"]), default=None),

@@ -14,7 +14,7 @@ from skyproof.gnss.oscillators import PLATFORM_CLASSES
 from skyproof.simulator.scenario import Antenna, Scenario, SceneImu, SceneReceiver, SceneSpin
 from skyproof.simulator.sites import LasVegas
 
-__all__ = ["EQUIPMENT", "Equipped", "equipped"]
+__all__ = ["EQUIPMENT", "Equipped", "equip"]
 
 APART_M: Final = 20.0
 ELEMENTS_M: Final = ((0.0, 0.0, 0.0), (0.1903, 0.0, 0.0), (0.09515, 0.1648, 0.0))
@@ -37,7 +37,7 @@ class Equipped:
         return self.scenario.receivers[0]
 
     def with_first(self, stated: Mapping[str, Any] | None = None, **changes: Any) -> "Equipped":
-        """With something else at the first receiver, and in its table."""
+        """Change something at the first receiver, and in its table."""
         receivers = (self.first.model_copy(update=changes), *self.scenario.receivers[1:])
         table = dict(self.stated["receivers"][0]) | dict(stated or {})
         return Equipped(
@@ -58,26 +58,26 @@ def _nothing(bare: Equipped) -> Equipped:
 
 
 def _standing(bare: Equipped) -> Equipped | None:
-    """It is stated to stand, and what class of oscillator it has."""
+    """State that it stands, and what class of oscillator it has."""
     if bare.first.path is not None:
         return None
     return bare.stating(motion="static", **_oscillator(bare.first))
 
 
 def _oscillator(receiver: SceneReceiver) -> dict[str, str]:
-    """The least class of a platform file that is no better than the receiver's own."""
+    """Find the least class of a platform file that is no better than the receiver's own."""
     known = (receiver.oscillator or "").split("-")[0]
     return {"oscillator": known} if known in PLATFORM_CLASSES else {}
 
 
 def _imu(bare: Equipped) -> Equipped:
-    """Readings of 100 Hz, attitude at the start known to half a degree."""
+    """Add readings of 100 Hz, with the attitude at the start known to half a degree."""
     imu = SceneImu(grade=GRADE, rate_hz=100.0)
     return bare.with_first(imu=imu).stating(imu={"grade": GRADE})
 
 
 def _second(bare: Equipped) -> Equipped | None:
-    """To the east of the first, with a clock of its own; the distance is stated."""
+    """Add a receiver to the east of the first, with a clock of its own; the distance is stated."""
     if isinstance(bare.first.path, LasVegas):  # its way is where it is, wherever its site is said to be
         return None
     here_m = ecef_from_geodetic(*bare.first.geodetic_rad)
@@ -105,7 +105,7 @@ def _second(bare: Equipped) -> Equipped | None:
 
 
 def _three(bare: Equipped) -> Equipped:
-    """Their places in the body are stated; the lines' biases and the attitude are not."""
+    """Add three antennas whose places in the body are stated; line biases and attitude are not."""
     gain = bare.first.antennas[0].gain
     antennas = tuple(Antenna(name=name, body_m=at, gain=gain) for name, at in zip("ABC", ELEMENTS_M, strict=True))
     return bare.with_first({"antennas_m": ELEMENTS_M}, antennas=antennas)
@@ -116,7 +116,7 @@ def _three_and_imu(bare: Equipped) -> Equipped:
 
 
 def _spinning(bare: Equipped) -> Equipped:
-    """One antenna on a turning arm, whose radius and rate are stated."""
+    """Put the antenna on a turning arm, whose radius and rate are stated."""
     antenna = bare.first.antennas[0].model_copy(update={"spin": ARM})
     spin = {"radius_m": ARM.radius_m, "rate_hz": ARM.rate_hz, "rate_sigma_hz": RATE_SIGMA_HZ}
     return bare.with_first({"spin": spin}, antennas=(antenna,))
@@ -127,7 +127,7 @@ def _vector(bare: Equipped) -> Equipped:
 
 
 def _everything(bare: Equipped) -> Equipped:
-    """Of all that combines: it stands if it does, three antennas, an inertial unit, a second receiver."""
+    """Combine all equipment: standing where it does, three antennas, an inertial unit, a second receiver."""
     whole = _three_and_imu(_standing(bare) or bare)
     return _second(whole) or whole
 
@@ -145,8 +145,8 @@ EQUIPMENT: Final[Mapping[str, Having]] = {
 }
 
 
-def equipped(scenario: Scenario, equipment: str) -> Equipped | None:
-    """A scene with equipment of this name at its first receiver; None where it cannot have that."""
+def equip(scenario: Scenario, equipment: str) -> Equipped | None:
+    """Build a scene with equipment of this name at its first receiver; None where it cannot have it."""
     first = scenario.receivers[0]
     plain = first.antennas[0].model_copy(update={"body_m": (0.0, 0.0, 0.0), "line_bias_cyc": 0.0, "spin": None})
     bare = first.model_copy(update={"antennas": (plain,), "imu": None})

@@ -38,22 +38,22 @@ class FixErrors:
 
     @property
     def bound_m(self) -> Reals:
-        """(n,) what the fix states at 95 %, level."""
+        """Return what the fix states at 95 %, level, (n,)."""
         return np.asarray(_TO_95 * self.sigma_enu_m[:, :2].max(axis=1))
 
     @property
     def space_bound_m(self) -> Reals:
-        """(n,) what the fix states at 95 %, in space."""
+        """Return what the fix states at 95 %, in space, (n,)."""
         return np.asarray(_TO_95_IN_SPACE * self.sigma_enu_m.max(axis=1))
 
     @property
     def horizontal_m(self) -> Reals:
-        """(n,)"""
+        """Return the horizontal errors, (n,)."""
         return np.asarray(np.hypot(self.off_enu_m[:, 0], self.off_enu_m[:, 1]))
 
     @property
     def space_m(self) -> Reals:
-        """(n,)"""
+        """Return the errors in space, (n,)."""
         return np.asarray(np.linalg.norm(self.off_enu_m, axis=1))
 
     def beyond(self, bounds: float) -> Booleans:
@@ -63,12 +63,12 @@ class FixErrors:
 
     @property
     def sizes_m(self) -> Reals:
-        """(n, 2) of what the levels are of: horizontally, vertically."""
+        """Return the errors that the levels bound, (n, 2): horizontally, vertically."""
         return np.stack((self.horizontal_m, np.abs(self.off_enu_m[:, 2])), axis=1)
 
 
 def fix_errors(scene: Scene, sky: ReceiverSky, fix: Fix) -> FixErrors:
-    """Of a receiver's fixes, against where its first antenna was."""
+    """Compare a receiver's fixes with where its first antenna was."""
     good = np.flatnonzero(fix.status == FixStatus.OK)
     at_s = np.asarray(seconds_between(fix.gpst[good], scene.scenario.start_gpst), np.float64)
     return compare_with_truth(fix, good, sky.point(at_s).position_ecef_m)
@@ -89,16 +89,16 @@ def compare_with_truth(fix: Fix, epochs: Indices, truth_ecef_m: Reals) -> FixErr
 
 
 def protection_columns(found: Sequence[FixErrors]) -> dict[str, Any]:
-    """Of trusted fixes: the share that has a level, the median of the levels, and how many are off by more.
+    """Compute of trusted fixes the share with a level, the median of the levels, and how many exceed it.
 
     Those without a level cannot be: what promises nothing does not break it.
     """
     levels_m, sizes_m = _levels_and_sizes(found)
-    there = np.isfinite(levels_m)
-    p50_m = [float(np.median(levels_m[there[:, k], k])) if there[:, k].any() else None for k in range(2)]
+    has_level = np.isfinite(levels_m)
+    p50_m = [float(np.median(levels_m[has_level[:, k], k])) if has_level[:, k].any() else None for k in range(2)]
     beyond = [int(np.sum(sizes_m[:, k] > levels_m[:, k])) for k in range(2)]  # never true of NaN
     return {
-        "protection_share": round(float(there[:, 0].mean()), 3) if there.size else None,
+        "protection_share": round(float(has_level[:, 0].mean()), 3) if has_level.size else None,
         "protection_p50_m": p50_m[0],
         "vertical_protection_p50_m": p50_m[1],
         "beyond_protection": beyond[0],
@@ -107,12 +107,12 @@ def protection_columns(found: Sequence[FixErrors]) -> dict[str, Any]:
 
 
 def stanford_rows(found: Sequence[FixErrors]) -> list[dict[str, Any]]:
-    """A row for each bin of level and error that holds a fix, horizontally and vertically: its middle, and how many."""
+    """Build a row for each bin of level and error that holds a fix, horizontally and vertically."""
     levels_m, sizes_m = _levels_and_sizes(found)
     rows = []
     for k, axis in enumerate(("horizontal", "vertical")):
-        there = np.isfinite(levels_m[:, k])
-        pairs_m = np.stack((levels_m[there, k], np.maximum(sizes_m[there, k], LEAST_M)), axis=1)
+        has_level = np.isfinite(levels_m[:, k])
+        pairs_m = np.stack((levels_m[has_level, k], np.maximum(sizes_m[has_level, k], LEAST_M)), axis=1)
         bins = np.floor(np.log(pairs_m) / np.log(BIN_RATIO))
         for (level, size), fixes in zip(*np.unique(bins, axis=0, return_counts=True), strict=True):
             level_m, error_m = (round(float(BIN_RATIO ** (number + 0.5)), 4) for number in (level, size))
@@ -121,9 +121,9 @@ def stanford_rows(found: Sequence[FixErrors]) -> list[dict[str, Any]]:
 
 
 def _levels_and_sizes(found: Sequence[FixErrors]) -> tuple[Reals, Reals]:
-    """(n, 2) each, of all fixes."""
+    """Join the levels and errors of all fixes, (n, 2) each."""
     empty = np.empty((0, 2))
     return (
-        np.concatenate([empty, *(one.protection_m for one in found)]),
-        np.concatenate([empty, *(one.sizes_m for one in found)]),
+        np.concatenate([empty, *(errors.protection_m for errors in found)]),
+        np.concatenate([empty, *(errors.sizes_m for errors in found)]),
     )

@@ -16,10 +16,10 @@ from skyproof.batch import Item, Processes, Store, run
 from skyproof.compiled import count_threads
 from skyproof.simulator.scenario import Scenario
 from skyproof.studies.base import StudySettings
-from skyproof.studies.protection.cell import rows_of, stretch_of
-from skyproof.studies.protection.equipment import EQUIPMENT, equipped
+from skyproof.studies.protection.cell import cut_scene, make_rows
+from skyproof.studies.protection.equipment import EQUIPMENT, equip
 
-__all__ = ["ROWS", "SharedSamples", "cells_of", "done"]
+__all__ = ["ROWS", "SharedSamples", "list_cells", "run_cells"]
 
 ROWS: Final = "rows.json"
 SAME_SAMPLES: Final = (tuple(name for name in EQUIPMENT if name != "spinning"), ("spinning",))
@@ -35,19 +35,21 @@ class SharedSamples:
 
     @property
     def item(self) -> Item:
-        made = stretch_of(self.scenario).model_dump_json()
+        made = cut_scene(self.scenario).model_dump_json()
         same_as = "\n".join((version("skyproof"), ", ".join(self.equipments), made))
         return Item(key=f"{self.scenario.name}--{self.equipments[0].replace(' ', '-')}", given=self, same_as=same_as)
 
 
-def cells_of(scenario: Scenario) -> list[SharedSamples]:
-    """With all equipment that it can have."""
-    found = [tuple(name for name in same if equipped(scenario, name) is not None) for same in SAME_SAMPLES]
+def list_cells(scenario: Scenario) -> list[SharedSamples]:
+    """List the items of a scene with all equipment that it can have."""
+    found = [tuple(name for name in same if equip(scenario, name) is not None) for same in SAME_SAMPLES]
     return [SharedSamples(scenario=scenario, equipments=possible) for possible in found if possible]
 
 
-def done(asked: Sequence[SharedSamples], name: str, settings: StudySettings) -> Iterator[dict[str, Any]]:
-    """The rows of each cell once all are done; of those that could not be done, the error. name : of the folder.
+def run_cells(asked: Sequence[SharedSamples], name: str, settings: StudySettings) -> Iterator[dict[str, Any]]:
+    """Yield the rows of each cell once all are done, and the errors of those that failed.
+
+    name : of the folder.
 
     Raises KeyboardInterrupt after the rows that are there, if Ctrl-C left some out.
     """
@@ -67,7 +69,7 @@ def done(asked: Sequence[SharedSamples], name: str, settings: StudySettings) -> 
 
 
 def _work(asked: SharedSamples, folder: Path) -> None:
-    """The cells' rows, into the folder: the same but for the seconds that they took."""
+    """Write the cells' rows into the folder: the same but for the seconds that they took."""
     with TemporaryDirectory(prefix="skyproof-cells") as made:
-        rows = rows_of(asked.scenario, asked.equipments, Path(made))
+        rows = make_rows(asked.scenario, asked.equipments, Path(made))
     (folder / ROWS).write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")

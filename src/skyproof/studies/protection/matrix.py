@@ -10,7 +10,7 @@ from skyproof.report.chart import Axes
 from skyproof.simulator.scenes import load_ready_made, read_ready_made
 from skyproof.studies.base import Row, Study, StudySettings
 from skyproof.studies.protection.errors import STANFORD
-from skyproof.studies.protection.items import SharedSamples, cells_of, done
+from skyproof.studies.protection.items import SharedSamples, list_cells, run_cells
 
 __all__ = ["NAME", "STUDIES", "cells"]
 
@@ -20,42 +20,42 @@ QUICK_S: Final = 12.0
 
 
 def cells(settings: StudySettings) -> list[SharedSamples]:
-    """All that can be; trials : how many items of them. What is quick ends before the attack."""
+    """List all items of work; trials : how many of them. What is quick ends before the attack."""
     every = []
     for name in load_ready_made():
         scenario = read_ready_made(name)
         seed = scenario.seed + settings.seed - 1
-        every += cells_of(scenario.model_copy(update={"seed": seed}))
+        every += list_cells(scenario.model_copy(update={"seed": seed}))
     if settings.quick:
         scene, equipments = QUICK
         short = {"duration_s": QUICK_S, "attacks": ()}
         return [
-            SharedSamples(scenario=one.scenario.model_copy(update=short), equipments=equipments)
-            for one in every
-            if one.scenario.name == scene and set(equipments) <= set(one.equipments)
+            SharedSamples(scenario=cell.scenario.model_copy(update=short), equipments=equipments)
+            for cell in every
+            if cell.scenario.name == scene and set(equipments) <= set(cell.equipments)
         ]
     return every[: settings.trials]
 
 
 def rows(settings: StudySettings) -> Iterator[Row]:
-    """A row a cell; of those that could not be done, the error.
+    """Yield a row per cell; of those that could not be done, the error.
 
     Raises KeyboardInterrupt after the rows that are there, if Ctrl-C left some out.
     """
-    for row in done(cells(settings), NAME, settings):
+    for row in run_cells(cells(settings), NAME, settings):
         yield {name: value for name, value in row.items() if name != STANFORD}
 
 
 def stanford(settings: StudySettings) -> Iterator[Row]:
-    """A row for each bin of protection level and error that a trusted fix of any cell is in, the emptiest first.
+    """Yield a row for each bin of protection level and error that any trusted fix is in.
 
     fixes_from : the power of ten that `fixes` reaches. Raises as `rows`, once all rows are there.
     """
     found, interrupted = Counter[tuple[str, float, float]](), False
     try:
-        for row in done(cells(settings), NAME, settings):
-            for one in row.get(STANFORD, ()):
-                found[one["axis"], one["protection_m"], one["error_m"]] += one["fixes"]
+        for row in run_cells(cells(settings), NAME, settings):
+            for fixes_row in row.get(STANFORD, ()):
+                found[fixes_row["axis"], fixes_row["protection_m"], fixes_row["error_m"]] += fixes_row["fixes"]
     except KeyboardInterrupt:
         interrupted = True
     for (axis, protection_m, error_m), fixes in sorted(found.items(), key=lambda one: (len(str(one[1])), one)):

@@ -25,11 +25,11 @@ _WRONGLY_S: Final = 1.0
 
 
 def score(scene: Scene, verdict: Verdict, outcome: Outcome) -> dict[str, Any]:
-    """The columns of a cell that need the truth.
+    """Compute the columns of a cell that need the truth.
 
     delay_s : from the onset, or the first sample if the attack was there before, to the end of the first window in
-        which a test says so; None if none does. onset_error_s : of the onset that the verdict states.
-    false_alarms : windows that end before the onset, or any without one, in which a test says so.
+        which a test does; None if none does. onset_error_s : of the onset that the verdict states.
+    false_alarms : windows that end before the onset, or any without one, in which a test does.
     wrong_labels : signals called authentic or spoofed that are not, for a second or more.
     trusted_* : errors in space of fixes that may be used, but for consistent ones; trusted_share : of all epochs of all
         receivers; consistent_share : that of consistent ones. wrong_fixes : how many of all these are off, level, by
@@ -48,27 +48,27 @@ def score(scene: Scene, verdict: Verdict, outcome: Outcome) -> dict[str, Any]:
             (consistent if kind == "consistent" else trusted).append(fix_errors(scene, sky, fix))
         if (plain := receiver.positions.whole("unprotected")) is not None:
             ordinary = max(ordinary, float(fix_errors(scene, sky, plain).space_m.max(initial=0.0)))
-    trusted_m = np.concatenate([one.space_m for one in trusted]) if trusted else np.empty(0)
+    trusted_m = np.concatenate([errors.space_m for errors in trusted]) if trusted else np.empty(0)
     p50, p95, worst = np.quantile(trusted_m, [0.5, 0.95, 1.0]) if trusted_m.size else [None] * 3
     return {
         "delay_s": _delay_s(scene, outcome, began_s),
         "onset_error_s": _onset_error_s(scene, verdict, began_s),
         "false_alarms": _false_alarms(scene, outcome, began_s),
         "wrong_labels": len(list(false_labels(scene, outcome))),
-        "wrong_fixes": sum(int(np.sum(one.beyond(WRONG_BOUNDS))) for one in (*trusted, *consistent)),
+        "wrong_fixes": sum(int(np.sum(errors.beyond(WRONG_BOUNDS))) for errors in (*trusted, *consistent)),
         "trusted_p50_m": p50,
         "trusted_p95_m": p95,
         "trusted_worst_m": worst,
         "unprotected_worst_m": ordinary or None,
         "trusted_share": round(trusted_m.size / epochs, 3) if epochs else 0.0,
-        "consistent_share": round(sum(one.space_m.size for one in consistent) / epochs, 3) if epochs else 0.0,
+        "consistent_share": round(sum(errors.space_m.size for errors in consistent) / epochs, 3) if epochs else 0.0,
         **protection_columns(trusted),
         STANFORD: stanford_rows(trusted),
     }
 
 
 def onset_s(scene: Scene) -> float | None:
-    """When the first false wave is there at any antenna, of the scene's time; None without any.
+    """Return when the first false wave is there at any antenna, of the scene's time; None without any.
 
     Of what was there before it is the first sample.
     """
@@ -81,7 +81,7 @@ def onset_s(scene: Scene) -> float | None:
 
 
 def _pairs(scene: Scene, outcome: Outcome) -> Iterator[tuple[ReceiverSky, ReceiverOutcome]]:
-    """Each receiver's outcome beside what its first antenna received."""
+    """Pair each receiver's outcome with what its first antenna received."""
     for receiver in outcome.receivers:
         name = receiver.reception.source.name
         yield next(sky for sky in scene.skies if sky.receiver.name == name), receiver
@@ -97,7 +97,7 @@ def _false_alarms(scene: Scene, outcome: Outcome, began_s: float | None) -> int:
 
 
 def _alarms_s(scene: Scene, outcome: Outcome) -> set[tuple[float, float]]:
-    """From when to when the windows are in which a test says that there is an attack, of the scene's time."""
+    """Collect from when to when the windows are whose tests report an attack, of the scene's time."""
     start = scene.scenario.start_gpst
     return {
         (float(seconds_between(e.start_gpst, start)), float(seconds_between(e.end_gpst, start)))
@@ -117,7 +117,7 @@ def _onset_error_s(scene: Scene, verdict: Verdict, began_s: float | None) -> flo
 
 
 def false_labels(scene: Scene, outcome: Outcome) -> Iterator[str]:
-    """Every stretch of a second or more that is called authentic and is spoofed, or the other way round, in words."""
+    """Describe every stretch of a second or more that is called authentic and is spoofed, or the reverse."""
     for sky, receiver in _pairs(scene, outcome):
         log = receiver.reception.observations
         if log is None:
@@ -134,8 +134,9 @@ def false_labels(scene: Scene, outcome: Outcome) -> Iterator[str]:
 
 
 def true_labels(o: Observations, sky: ReceiverSky, scene: Scene) -> NDArray[np.str_]:
-    """(n_epochs, n_channels) of what each measured signal is, by the nearest delay among the signals of its satellite
-    that are there; "" where none is near, where two of different labels are, or where nothing was measured.
+    """Label each measured signal by the nearest delay of its satellite, (n_epochs, n_channels).
+
+    "" where none is near, where two of different labels are, or where nothing was measured.
     """
     true_s = o.elapsed_s + sky.true_minus_elapsed_s(o.elapsed_s)
     clock_s = seconds_between(o.gpst, scene.scenario.start_gpst) - true_s
@@ -145,9 +146,9 @@ def true_labels(o: Observations, sky: ReceiverSky, scene: Scene) -> NDArray[np.s
         delay_m[(true_s < received.from_s) | (true_s >= received.until_s), column] = np.nan
     labels = np.full(o.pseudorange_m.shape, "", dtype="U9")
     for channel, signal in enumerate(o.signals):
-        own = [column for column, received in enumerate(sky.signals) if received.id.sat == signal.sat]
-        kinds = np.array([sky.signals[column].label for column in own])
-        near = np.abs(there_m[:, channel, None] - delay_m[:, own]) < NEAR_M
+        candidates = [column for column, received in enumerate(sky.signals) if received.id.sat == signal.sat]
+        kinds = np.array([sky.signals[column].label for column in candidates])
+        near = np.abs(there_m[:, channel, None] - delay_m[:, candidates]) < NEAR_M
         for kind in sorted(set(kinds)):
             alone = near[:, kinds == kind].any(axis=1) & ~near[:, kinds != kind].any(axis=1)
             labels[alone, channel] = kind
