@@ -154,7 +154,9 @@ def test_the_smaller_dead_zone_of_figure_5():
     assert float(noncentrality_for_power(0.99, 0.2, 2)) == pytest.approx(15.4596, abs=5e-5)
     assert measure_dead_zone(reference, grid.direction, np.eye(3)[:2], covariance, **rates) == [151]
     near = direction_cosines(*np.radians([(148, 158, 160), (50, 53, 55)]))
-    inside = [measure_dead_zone(reference, direction[None], np.eye(3)[:2], covariance, **rates)[0] for direction in near]
+    inside = [
+        measure_dead_zone(reference, direction[None], np.eye(3)[:2], covariance, **rates)[0] for direction in near
+    ]
     assert inside == [0.0, 1.0, 1.0]
 
 
