@@ -27,7 +27,7 @@ __all__ = [
     "MessageKind",
     "ReceiverStates",
     "join_rows",
-    "untimed_remark",
+    "report_untimed",
 ]
 
 MessageKind = Literal["LNAV", "CNAV", "CNAV2", "INAV", "FNAV", "D1", "D2", "BCNAV1", "BCNAV2", "BCNAV3", "GLONASS"]
@@ -161,7 +161,7 @@ class LogReader(Protocol):
         """Read the frames of its protocol; `damaged_frames` and `cut` are of whoever splits the stream."""
 
 
-def untimed_remark(epochs: int) -> Remark:
+def report_untimed(epochs: int) -> Remark:
     """Return the remark on epochs that the receiver gave no time."""
     return Remark(f"{epochs} epochs before the receiver knew the time are left out", RemarkKind.BEARS)
 

@@ -129,8 +129,8 @@ class _GnssLogger:
         if raw is None or "Raw" not in self._columns:
             return stretch.begin.size
         time_ns = read_fields(stretch, raw, self._columns["Raw"], wholes=("TimeNanos",)).wholes["TimeNanos"]
-        others = np.flatnonzero(time_ns != time_ns[-1])
-        return int(raw[others[-1] + 1]) if others.size else stretch.begin.size
+        rest = np.flatnonzero(time_ns != time_ns[-1])
+        return int(raw[rest[-1] + 1]) if rest.size else stretch.begin.size
 
     def _find_columns(self, stretch: TextStretch) -> dict[str, Integers]:
         """Return the lines of each kind; note what header lines say of their columns."""

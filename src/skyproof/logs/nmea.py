@@ -142,7 +142,7 @@ class NmeaReader:
         for row, sentence in sorted((plain | odd.sentences).items()):
             if _put(sentence, epochs):
                 first_rows.append(row)
-        levels = self._joined(cells, rows["GSV"], addresses.talker, odd.sentences, np.array(first_rows, np.int64))
+        levels = self._join(cells, rows["GSV"], addresses.talker, odd.sentences, np.array(first_rows, np.int64))
         n = len(epochs)
         self._epoch = None if frames.last or not epochs else epochs.pop()
         self._levels = levels.of(len(epochs), n)
@@ -178,7 +178,7 @@ class NmeaReader:
                 sentences[row] = sentence
         return _Odd(sentences, messages, damaged)
 
-    def _joined(
+    def _join(
         self,
         cells: LevelCells,
         rows: Integers,
@@ -192,13 +192,13 @@ class NmeaReader:
         unique, index = np.unique(keys, return_inverse=True)
         number = np.array([self._number(key >> 40, key >> 8 & 0xFFFFFFFF, key & 255) for key in unique.tolist()], int)
         signal, level_dbhz = number[index] if keys.size else np.empty(0, np.int64), cells.level_dbhz
-        others = [
+        rest = [
             (at, self._number(pack(sentence.talker), which, of), level)
             for at, sentence in odd.items()
             for which, of, level in sentence.strengths
         ]
-        if others:
-            more = np.array(others, np.float64)
+        if rest:
+            more = np.array(rest, np.float64)
             row = np.append(row, more[:, 0].astype(np.int64))
             signal = np.append(signal, more[:, 1].astype(np.int64))
             level_dbhz = np.append(level_dbhz, more[:, 2])
@@ -363,12 +363,12 @@ def _instants(epochs: Sequence[_Epoch]) -> Instants:
     """Return the GPS time of epochs."""
     utc_ns = np.array([epoch.utc_ns for epoch in epochs], np.int64)
     leap_ns = np.array([epoch.leap_ns for epoch in epochs], np.int64)
-    ahead_ns = np.array([_ahead_ns(day) for day in (utc_ns // _DAY_NS).tolist()], np.int64)
+    ahead_ns = np.array([_count_ahead_ns(day) for day in (utc_ns // _DAY_NS).tolist()], np.int64)
     return (utc_ns + ahead_ns + leap_ns).astype("M8[ns]")
 
 
 @lru_cache(64)
-def _ahead_ns(day: int) -> int:
+def _count_ahead_ns(day: int) -> int:
     """Return by how much GPS time is ahead of UTC over a day, counted from 1970."""
     utc = np.datetime64(day * _DAY_NS, "ns")
     return int((gpst_from_utc(utc) - utc).astype(np.int64))

@@ -332,7 +332,7 @@ def _walk_legacy(
             integers[0, n] = m
             integers[1, n] = system << 16 | sv << 8 | (_OLD + code)
             reals[0, n] = code_m
-            reals[1, n] = code_m + _turned_m(apart, hz_1, last_cyc[1 if glonass else 0, sv], 0)
+            reals[1, n] = code_m + _unwrap_m(apart, hz_1, last_cyc[1 if glonass else 0, sv], 0)
             reals[3, n] = np.nan if cn0 == 0 else 0.25 * cn0
             integers[2, n] = lock_ms[lock]
             n += 1
@@ -347,7 +347,7 @@ def _walk_legacy(
             integers[0, n] = m
             integers[1, n] = system << 16 | sv << 8 | (_OLD + 4 + code)
             reals[0, n] = np.nan if more == -8192 else code_m + 0.02 * more
-            reals[1, n] = code_m + _turned_m(apart, hz_2, last_cyc[1 if glonass else 0, sv], 1)
+            reals[1, n] = code_m + _unwrap_m(apart, hz_2, last_cyc[1 if glonass else 0, sv], 1)
             reals[3, n] = np.nan if cn0 == 0 else 0.25 * cn0
             integers[2, n] = lock_ms[lock]
             n += 1
@@ -358,7 +358,7 @@ def _walk_legacy(
 
 
 @compiled
-def _turned_m(apart: int, carrier_hz: float, last_cyc: Reals, band: int) -> float:
+def _unwrap_m(apart: int, carrier_hz: float, last_cyc: Reals, band: int) -> float:
     """Return phase less code in metres, turns of 1500 cycles added so that it goes on; NaN where there is none."""
     if apart == -524288:
         return np.nan

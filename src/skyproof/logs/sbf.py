@@ -17,7 +17,7 @@ from skyproof.gnss.ephemeris import GEOSTATIONARY
 from skyproof.gnss.lnav import check_words
 from skyproof.gnss.signals import carrier_hz_of, rinex_signal
 from skyproof.gnss.time import GPS_EPOCH_NS
-from skyproof.logs.content import FRAME_BITS, BroadcastFrames, LogPiece, MessageKind, ReceiverStates, untimed_remark
+from skyproof.logs.content import FRAME_BITS, BroadcastFrames, LogPiece, MessageKind, ReceiverStates, report_untimed
 from skyproof.logs.frames import Frames, Protocol, read_blocks, read_field
 from skyproof.logs.locks import CarrierLocks
 from skyproof.logs.rows import SignalRows, observations_from_rows
@@ -208,7 +208,7 @@ class SbfReader:
         untimed, hidden = int((measured & ~timed).sum()), int(scrambled.sum())
         remarks: list[str] = []
         if untimed:
-            remarks.append(untimed_remark(untimed))
+            remarks.append(report_untimed(untimed))
         if hidden:
             words = f"{hidden} epochs are scrambled by the receiver, which lacks the permission to give them"
             remarks.append(Remark(words, RemarkKind.BEARS))
@@ -517,8 +517,8 @@ def _broadcast(
         bits, whole = bits[:, : FRAME_BITS[message]], np.ones(begin.size, np.bool_)
     second = np.array([message == "D1" and sat in GEOSTATIONARY for sat in sats])
     known = np.array([bool(sat) and name is not None for sat, name in zip(sats, kinds, strict=True)]) & whole
-    both: tuple[tuple[MessageKind, Booleans], ...] = ((message, known & ~second), ("D2", known & second))
-    for name, chosen in both:
+    usable: tuple[tuple[MessageKind, Booleans], ...] = ((message, known & ~second), ("D2", known & second))
+    for name, chosen in usable:
         rows = np.flatnonzero(chosen)
         if rows.size:
             yield BroadcastFrames(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from skyproof.arrays import Booleans, Integers, Octets, Reals
 from skyproof.gnss.signals import rinex_signal
 from skyproof.gnss.time import GPS_EPOCH_NS
-from skyproof.logs.content import FRAME_BITS, BroadcastFrames, LogPiece, MessageKind, ReceiverStates, untimed_remark
+from skyproof.logs.content import FRAME_BITS, BroadcastFrames, LogPiece, MessageKind, ReceiverStates, report_untimed
 from skyproof.logs.frames import Frames, Protocol, read_blocks, read_field
 from skyproof.logs.locks import NEVER, CarrierLocks
 from skyproof.logs.rows import SignalRows, observations_from_rows
@@ -172,7 +172,7 @@ class UbxReader:
             states=_states(octets, payloads, clock),
             frames=_broadcast(octets, payloads, clock),
             messages=dict(messages),
-            remarks=(untimed_remark(untimed),) if untimed else (),
+            remarks=(report_untimed(untimed),) if untimed else (),
         )
         self._last_ns = clock.last_ns
         return piece

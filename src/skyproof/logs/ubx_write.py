@@ -103,9 +103,9 @@ def _rawx(
 ) -> bytes:
     week, tow_s = week_and_tow(o.gpst[k])
     code_m, carrier_cyc, doppler_hz = o.pseudorange_m[k], o.carrier_cyc[k], o.doppler_hz[k]
-    there = np.flatnonzero(np.isfinite(code_m) | np.isfinite(carrier_cyc))[:255]
-    payload = struct.pack("<dHbBBBH", tow_s, week, leap_seconds(o.gpst[k]), there.size, 1, 1, 0)
-    for c in there.tolist():
+    present = np.flatnonzero(np.isfinite(code_m) | np.isfinite(carrier_cyc))[:255]
+    payload = struct.pack("<dHbBBBH", tow_s, week, leap_seconds(o.gpst[k]), present.size, 1, 1, 0)
+    for c in present.tolist():
         code, carrier = bool(np.isfinite(code_m[c])), bool(np.isfinite(carrier_cyc[c]))
         gnss, sv, signal = numbers[c]
         level_dbhz = o.cn0_dbhz[k, c]
