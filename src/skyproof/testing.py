@@ -240,7 +240,7 @@ def check_channel_order(make: Callable[[], Detector], records: Records, rng: np.
     In observations, taps, grids and phases each has an order of its own: what belongs together follows from the names
     of signals.
     """
-    shuffled = _change_each(records, lambda measured: _permuted(measured, rng))
+    shuffled = _change_each(records, lambda measured: _permute(measured, rng))
     first_order, other = make().examine(records)[0], make().examine(shuffled)[0]
     assert len(first_order) == len(other), (
         f"{make().name} finds {len(first_order)} or {len(other)} things by the order of the channels"
@@ -376,7 +376,7 @@ def _channel_axes(measured: Any) -> dict[str, int]:
     return axes | {name: 0 for name in _OF_CHANNELS if name in arrays}
 
 
-def _permuted(measured: Any, rng: np.random.Generator) -> Any:
+def _permute(measured: Any, rng: np.random.Generator) -> Any:
     order = rng.permutation(len(measured.signals))
     changes = {name: np.take(getattr(measured, name), order, axis) for name, axis in _channel_axes(measured).items()}
     return replace(measured, signals=tuple(measured.signals[k] for k in order), **changes)

@@ -14,7 +14,7 @@ import pytest
 from skyproof.report.chart import Axes
 from skyproof.studies import studies
 from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
-from skyproof.studies.reached import measured_by, unreached
+from skyproof.studies.reached import list_methods_called, list_unreached
 from skyproof.studies.validation import check, table
 
 FOUND = studies()
@@ -140,16 +140,16 @@ def test_a_figure_that_protect_does_not_reach_says_so() -> None:
 
 
 def test_the_page_names_code_that_no_command_reaches() -> None:
-    found = measured_by(FOUND["multi-receiver.distance"].run)
+    found = list_methods_called(FOUND["multi-receiver.distance"].run)
     assert found.reached == ("detectors.multi_receiver.one_antenna.baseline_design",)
     assert not found.not_reached
-    assert "decomposition.fit.decompose" in measured_by(FOUND["dccaf.separation"].run).reached
+    assert "decomposition.fit.decompose" in list_methods_called(FOUND["dccaf.separation"].run).reached
 
 
 def test_what_no_command_reaches_stands_in_studies() -> None:
     """But for the contract until 0.3."""
     offered = {"detectors.base": ("missing", "undecided")}
-    assert unreached() == offered
+    assert list_unreached() == offered
 
 
 def test_claims_that_differ_in_one_thing_share_a_row() -> None:

@@ -3,14 +3,14 @@ import pytest
 from scipy import special
 
 from skyproof.statistics.distributions import binomial_survival
-from skyproof.studies.roc import area_under, chi_square_power, count_interval, counted_roc
+from skyproof.studies.roc import area_under, chi_square_power, count_interval, count_roc
 
 
 def test_counted_roc_of_two_normals_is_the_formula():
     rng = np.random.default_rng(1)
     null, moved = rng.standard_normal(200_000), 1.5 + rng.standard_normal(200_000)
     rates = np.array([0.5, 0.1, 0.01])
-    roc = counted_roc(null, moved, rates)
+    roc = count_roc(null, moved, rates)
     np.testing.assert_allclose(roc.false_alarm, rates, atol=1e-5)
     np.testing.assert_allclose(roc.detection, special.ndtr(1.5 + special.ndtri(rates)), atol=0.01)
     assert area_under(null, moved) == pytest.approx(special.ndtr(1.5 / np.sqrt(2.0)), abs=0.003)
@@ -18,7 +18,7 @@ def test_counted_roc_of_two_normals_is_the_formula():
 
 def test_thresholds_never_let_through_more_than_asked():
     null = np.array([1.0, 2.0, 2.0, 2.0, 5.0])
-    assert np.all(counted_roc(null, null, [0.2, 0.4, 0.6, 0.8]).false_alarm <= [0.2, 0.4, 0.6, 0.8])
+    assert np.all(count_roc(null, null, [0.2, 0.4, 0.6, 0.8]).false_alarm <= [0.2, 0.4, 0.6, 0.8])
 
 
 def test_area_of_equal_draws_is_a_half():

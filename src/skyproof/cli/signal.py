@@ -111,13 +111,17 @@ def _facts(inspection: "Inspection") -> Table:
 
 def _describe_guess(inspection: "Inspection") -> tuple[str, str]:
     taken = inspection.proposals[inspection.taken]
-    others = [one for number, one in enumerate(inspection.proposals) if number != inspection.taken and one.satellites]
-    rival = max(others, key=lambda one: one.power, default=None)
-    shown = f"{len(taken.satellites)} satellites; p-value 10^{taken.log10_chance:.0f} under noise alone"
+    others = [
+        proposal
+        for number, proposal in enumerate(inspection.proposals)
+        if number != inspection.taken and proposal.satellites
+    ]
+    rival = max(others, key=lambda proposal: proposal.power, default=None)
+    listed = f"{len(taken.satellites)} satellites; p-value 10^{taken.log10_chance:.0f} under noise alone"
     if rival is None:
-        return shown, "no other reading shows any"
+        return listed, "no other reading shows any"
     less_db = 10.0 * math.log10(taken.power / rival.power) if taken.power and rival.power else math.inf
-    return shown, f"next: {describe_numbers(rival.layout)}, {rival.layout.kind}, {less_db:.1f} dB less"
+    return listed, f"next: {describe_numbers(rival.layout)}, {rival.layout.kind}, {less_db:.1f} dB less"
 
 
 def describe_numbers(layout: "SampleLayout") -> str:
@@ -136,10 +140,17 @@ def describe_numbers(layout: "SampleLayout") -> str:
 
 def _proposals(proposals: "Sequence[Proposal]") -> Table:
     rows = table("", "kind", "numbers", "rate MHz", "satellites", "p-value, noise alone", numbers=3)
-    for number, one in enumerate(proposals, 1):
-        found = (f"{one.layout.rate_hz / 1e6:.10g}", str(len(one.satellites)), f"10^{one.log10_chance:.0f}")
+    for number, proposal in enumerate(proposals, 1):
+        found = (
+            f"{proposal.layout.rate_hz / 1e6:.10g}",
+            str(len(proposal.satellites)),
+            f"10^{proposal.log10_chance:.0f}",
+        )
         rows.add_row(
-            str(number), one.layout.kind, describe_numbers(one.layout), *(found if one.satellites else ("?", "0", ""))
+            str(number),
+            proposal.layout.kind,
+            describe_numbers(proposal.layout),
+            *(found if proposal.satellites else ("?", "0", "")),
         )
     return rows
 
@@ -270,12 +281,17 @@ def _oscillator(inspection: "Inspection") -> str:
 def _satellites(inspection: "Inspection", width: int) -> Table:
     rows = table("satellite", "", "C/N0 dB-Hz", "Doppler Hz", "code chips", "peaks", numbers=4)
     longest = max(8, min(width - 58, 40))
-    for one in inspection.satellites:
-        share = min(max((one.cn0_dbhz - 30.0) / 25.0, 0.02), 1.0)
+    for satellite in inspection.satellites:
+        share = min(max((satellite.cn0_dbhz - 30.0) / 25.0, 0.02), 1.0)
         bar = words("━" * max(1, round(share * longest)), style="cyan")
-        peaks = words(str(one.peaks), style="bold red" if one.peaks > 1 else "")
+        peaks = words(str(satellite.peaks), style="bold red" if satellite.peaks > 1 else "")
         rows.add_row(
-            one.sat, bar, f"{one.cn0_dbhz:.1f}", f"{one.doppler_hz:+.0f}", f"{one.code_phase_chips:.1f}", peaks
+            satellite.sat,
+            bar,
+            f"{satellite.cn0_dbhz:.1f}",
+            f"{satellite.doppler_hz:+.0f}",
+            f"{satellite.code_phase_chips:.1f}",
+            peaks,
         )
     return rows
 

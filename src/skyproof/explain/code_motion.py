@@ -11,7 +11,7 @@ __all__ = ["ENTRIES"]
 
 
 def _name_tested(finding: Finding) -> str:
-    """Name what was tested: position or clock, of which receiver, and by which signals alone."""
+    """Name what was tested: position or clock, the receiver, and the signals if not all."""
     data: Mapping[str, Any] = finding.data
     alone = f"{', '.join(data['alone'])} " if data["alone"] else ""
     return f"the {data['what']} of {finding.signals[0].receiver} from {alone}codes"

@@ -15,7 +15,7 @@ _TOO_FEW: Final = "{receiver} has {epochs} epochs with {satellites} satellites o
 
 
 def _describe_step(finding: Finding) -> str:
-    """Describe what does not go on, when, by how much, and what that may be."""
+    """Describe what breaks, when, by how much, and what that may be."""
     data: Mapping[str, Any] = finding.data
     found = {
         "position": f"the position jumps by {metres(data['position_m'])}",

@@ -167,7 +167,7 @@ class FileBytes:
         return octets
 
     def sum_as_read(self) -> None:
-        """Add bytes to the sum from now on as they are read in order: see `compute_sha256`."""
+        """Add bytes to the sum from now on while they are read in order: see `compute_sha256`."""
         self._sum = hashlib.sha256()
 
     def sha256(self, progress: Callable[[int, int], None] | None = None) -> str | None:

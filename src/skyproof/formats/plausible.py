@@ -120,7 +120,7 @@ def leave_out_impossible(
 
 
 def describe_impossible(counts: Mapping[str, int], misread: Mapping[str, str]) -> list[str]:
-    """Describe what is left out: the number of cells by type, and whole types with the reason."""
+    """Describe what is omitted: the number of cells by type, and whole types with the reason."""
     if not counts:
         return []
     most = sorted(counts, key=lambda name: -counts[name])

@@ -68,7 +68,7 @@ def select_candidates(records: Records, receiver: str) -> SkyCandidates:
 
 
 def find_reference_kind(s: ConsistentSet) -> Kind:
-    """Return the kind of signal that the set's clock is of."""
+    """Return the kind of signal behind the set's clock."""
     return next((kind for kind, off_s in s.offsets_s.items() if off_s == 0.0), s.signals[0].kind)
 
 
@@ -94,7 +94,7 @@ class FixMaker:
     def shown(self, window: SkyCandidates, s: ConsistentSet, *, kind: Kind, bias_s: float, epochs: bool) -> SkyFix:
         """Return what a set shows, at the instant of the receiver's label less the clock bias last taken for true.
 
-        A false sky's own time is of no account.
+        A false sky's own time does not count.
 
         kind : of the signals whose clock is compared. epochs : with the fixes of the window's epochs, and velocity.
         """

@@ -11,7 +11,7 @@ receiver, by what a window shows:
     suspect, lasting spoofed     suspect, lasting     suspect, lasting     authentic      suspect, lasting
     spoofed          spoofed     spoofed              spoofed              authentic      spoofed
 
-What goes on no more may have become another sky's, which passes every test from then on: only positive evidence ends
+What breaks may have become another sky's, which passes every test from then on: only positive evidence ends
 that. A run's word is the worst of its receivers' words so far.
 """
 
@@ -59,7 +59,7 @@ class Deciding:
     """Hold what is carried from window to window.
 
     words : of all receivers so far, in the order in which they began. latest : of each receiver, its word as an index
-    of `words`. lasting : receivers of which only positive evidence ends the word.
+    of `words`. lasting : receivers whose word only positive evidence ends.
     """
 
     words: tuple[WindowWord, ...] = ()

@@ -42,7 +42,7 @@ class Decision:
         nothing vouches for then, and for how long.
     interference : of all receivers, in the order of its onset; None if no test looked for it.
     skies : under an attack that leaves open which signals of a receiver are true, its consistent sets of signals,
-        linked over the windows; each is one position and time. None of a receiver of which false signals are named.
+        linked over the windows; each is one position and time. None of a receiver with named false signals.
     windows : the word of each receiver over time; none is worse than the verdict.
     """
 
@@ -128,7 +128,7 @@ def _smooth_words(
 ) -> tuple[WindowWord, ...]:
     """Return the words of windows with what only the whole run shows.
 
-    A silent window between two that vouch for the same signals is authentic as they are. Odd signals that no test of a
+    A silent window between two that show the same signals authentic is authentic, too. Odd signals that no test of a
     window tells make a receiver suspect from when they came.
     """
     if verdict == "authentic":
@@ -211,7 +211,7 @@ def _measure_time_without_fix(
 
 
 def _find_reflected_alone(labels: Sequence[LabelledSignal]) -> Iterator[str]:
-    """Yield receivers of which a satellite is received by a reflection only: a false signal may look the same."""
+    """Yield receivers that receive a satellite by a reflection only: a false signal may look the same."""
     direct = {(s.ref.receiver, s.ref.signal.transmission) for s in labels if s.label == "authentic"}
     for s in labels:
         if s.label == "multipath" and (s.ref.receiver, s.ref.signal.transmission) not in direct:
@@ -296,7 +296,7 @@ def _get_end(window: tuple[np.datetime64, np.datetime64]) -> np.datetime64:
 
 
 def _date_capture(s: LabelledSignal, observations: Sequence[ObservationLog]) -> Onset:
-    """Date a channel that went over to another signal: the false one may have lain upon the true one before."""
+    """Date a channel that went over to another signal: the false one may have overlapped the true one before."""
     o = next(o for o in observations if o.receiver == s.ref.receiver)
     return Onset(seen=o.gpst[s.first_epoch], earliest=None)
 

@@ -73,7 +73,7 @@ def _begin_spell(rise: NoiseRise) -> Spell:
 
 
 def _join_spell(spell: Spell, rise: NoiseRise) -> Spell:
-    """Return a spell that goes on."""
+    """Return a spell joined with the next one."""
     further = _begin_spell(rise)
     strongest = max(spell, further, key=lambda one: one.fall_db)
     levels_db = [level for level in (spell.level_db, rise.level_db) if level is not None]

@@ -1,13 +1,13 @@
 """Evidence of many windows to one label per signal and stretch of time, and to the sources of the false ones.
 
 A signal that is tracked without interruption is one transmitter's, unless the evidence itself changes: what some
-windows say of it holds for their neighbours that say nothing: *spoofed* as long as it is tracked on, *authentic* from
-one window that says so to the next. A channel can be captured without a slip, so that what it follows says nothing of
+windows say of it holds for silent neighbours: *spoofed* as long as it is tracked on, *authentic* from
+one such window to the next. A channel can be captured without a slip, so that what it follows does not show
 what it followed long before. Where windows contradict each other the signal was captured and its life is cut there;
 where one window contradicts itself the label is unknown.
 
 A window in which a test of the signal failed (its p-value is below what it was asked for, and it says "undecided")
-does not say nothing: true and false signals may be mixed in it. What was authentic before is open there, unless the
+is not silent: true and false signals may be mixed in it. What was authentic before is open there, unless the
 window itself has evidence for nearly all of the signals that failed together, that they are authentic or that they are
 false. Not even that helps where the test overrules the others, unless false signals are named in the window.
 """

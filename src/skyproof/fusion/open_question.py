@@ -78,7 +78,7 @@ class _Reason:
         self.attack = e.says == "attack"
         if _has_compared(e):
             self.compared += 1
-            self.latest = [*(one for one in self.latest if one.start_gpst == e.start_gpst), e]
+            self.latest = [*(statement for statement in self.latest if statement.start_gpst == e.start_gpst), e]
 
     def weight(self) -> tuple[bool, int]:
         return not self.overrules, self.compared

@@ -115,7 +115,7 @@ class FusionPolicy:
         1e-3, "1", "A receiver without protection leaves measurements out readily, having nothing else against them."
     )
     # Which sky is true
-    late_share: float = number(0.5, "1", "A set of which most signals are late copies is a copy of the sky.")
+    late_share: float = number(0.5, "1", "A set whose signals are mostly late copies is a copy of the sky.")
     at_end_epochs: int = number(
         4, "1", "A window that has no fix in so many last epochs has no fix at its end: three may be lost in a fade."
     )
@@ -123,7 +123,7 @@ class FusionPolicy:
         0.02, "s", "At 50 m/s a receiver moves by 1 m meanwhile, as much as reflections put a fix off."
     )
     goes_on_probability: float = number(
-        1e-6, "1", "Once in four months of windows of 10 s what is taken for true does not go on, by chance."
+        1e-6, "1", "Once in four months of windows of 10 s what is taken for true breaks by chance."
     )
     same_sky_share: float = number(
         0.75, "1", "Of a set's signals, by which it is the sky chosen before: the others rose since."

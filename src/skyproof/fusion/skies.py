@@ -14,7 +14,7 @@ __all__ = ["date_sky", "link_skies", "name_skies"]
 def link_skies(sets: Iterable[ConsistentSet], *, first: int = 1) -> tuple[FalseSource, ...]:
     """Link the sets of a receiver that stand beside another one in the same window, from window to window.
 
-    A set goes on with the sky whose signals it has most of, and a signal belongs to the sky that it was seen in most:
+    A set continues the sky whose signals it has most of, and a signal belongs to the sky that it was seen in most:
     a set that takes a wrong signal for a window does not tie two skies together.
 
     sets : in the order of their windows, a receiver's together. first : number of the first in the names.

@@ -85,7 +85,7 @@ def _find_doubles(left: Sequence[LabelledSignal], o: ObservationLog) -> list[Une
 
 
 def _is_found_after(s: LabelledSignal, other: LabelledSignal) -> bool:
-    """Tell whether both are of one transmission and the other one was found first."""
+    """Tell whether both belong to one transmission and the other one was found first."""
     transmission, first = s.ref.signal, other.ref.signal
     return transmission.transmission == first.transmission and (len(first.copy), first.copy) < (
         len(transmission.copy),

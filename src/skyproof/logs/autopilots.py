@@ -120,7 +120,7 @@ def _pieces(
 class _BootClock:
     """GPS time of the autopilot's clock, by the first stretch in which the receiver knew the time.
 
-    What the receiver says arrives some tenths of a second late; the median of a stretch is of the usual lateness.
+    What the receiver says arrives some tenths of a second late; the median of a stretch has the usual lateness.
     """
 
     def __init__(self) -> None:
@@ -244,7 +244,7 @@ class _ArduPilot:
 class _RawEpochs:
     """Puts the parts of RXM-RAWX together: a header (GRXH), and then a record (GRXS) for each signal.
 
-    The log does not say which signal of a satellite a record is of: all are taken for the first of the system.
+    The log does not say which signal of a satellite a record measures: all are taken for the first of the system.
     """
 
     def __init__(self) -> None:

@@ -120,7 +120,7 @@ def _split(octets: Octets, at: int, *, last: bool) -> tuple[Frames, int]:
 
 
 def _crc_table(polynomial: int, bits: int) -> Integers:
-    """Return the 256 remainders by which a cyclic checksum goes on a byte at a time."""
+    """Return the 256 remainders by which a cyclic checksum advances a byte at a time."""
     top, mask = 1 << (bits - 1), (1 << bits) - 1
     table = np.empty(256, np.int64)
     for octet in range(256):

@@ -103,7 +103,7 @@ class _GnssLogger:
     """The reader's state: the columns of each kind of row, the phone's clock, its carriers and its satellites.
 
     Ranges are formed by the phone's hardware clock, set to GPS time by the first bias that it states, and not by the
-    bias of each epoch. The phone estimates that bias anew each second: codes would step by its errors, carriers and
+    bias of each epoch. The phone estimates that bias again each second: codes would step by its errors, carriers and
     Dopplers would not. When the bias has moved by more than a millisecond the clock is set by whole ones, as other
     receivers do, for which whatever reads observations is prepared. Where the hardware clock stops, as between the
     measurements of a phone that saves power, nothing tells how long: there the ranges are joined (`PhoneClock.join`).
@@ -124,7 +124,7 @@ class _GnssLogger:
     # ------------------------------------------------------------------ stretches and columns
 
     def complete(self, stretch: TextStretch) -> int:
-        """Return how many lines come before the last epoch: the next stretch may go on with it."""
+        """Return how many lines come before the last epoch: the next stretch may continue it."""
         raw = self._find_columns(stretch).get("Raw")
         if raw is None or "Raw" not in self._columns:
             return stretch.begin.size

@@ -1,4 +1,4 @@
-"""Where a carrier does not go on, by how long the receiver says that it followed it."""
+"""Where a carrier breaks, by how long the receiver says that it followed it."""
 
 from typing import Final
 
@@ -29,7 +29,7 @@ class CarrierLocks:
         longest_ms: Integers,
         step_ms: int,
     ) -> Booleans:
-        """Tell where (n,) a carrier does not go on from the signal's last one, in these rows or before them.
+        """Tell where (n,) a carrier does not continue the signal's last one, in these rows or before them.
 
         Its lock time fell, or is shorter than the time since that one, or half a cycle was resolved.
 

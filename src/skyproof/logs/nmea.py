@@ -24,7 +24,7 @@ __all__ = ["NmeaReader"]
 
 _DAY_NS: Final = 86_400 * 10**9
 _UNREAD: Final = [pack(kind) for kind in ("GSA", "VTG", "TXT", "GBS", "GRS", "HDT", "DTM")]
-"""Common kinds of which nothing is read."""
+"""Common kinds that are not read."""
 _MOST_NAMES: Final = 1 << 12
 _SYSTEMS: Final = {"GP": "G", "GL": "R", "GA": "E", "GB": "C", "BD": "C", "GQ": "J", "QZ": "J", "GI": "I"}
 _SIGNALS: Final = {
@@ -226,7 +226,7 @@ class NmeaReader:
         return self._number_of[key]
 
     def _date(self, epochs: list[_Epoch]) -> list[_Epoch]:
-        """Give epochs their instants; the day goes on where the time of day falls by more than half a day.
+        """Give epochs their instants; the day advances where the time of day falls by more than half a day.
 
         The date counts of epochs with a place: a receiver that knows none may write any.
         """
@@ -270,8 +270,8 @@ class NmeaReader:
         row_of[np.array([number for number, _ in epochs])[later]] = np.arange(instants.size)
         row = row_of[levels.epoch]
         kept = row >= 0
-        there = np.unique(levels.signal[kept]).tolist()
-        order = sorted(there, key=self._signals.__getitem__)
+        present = np.unique(levels.signal[kept]).tolist()
+        order = sorted(present, key=self._signals.__getitem__)
         column_of = np.full(len(self._signals) + 1, -1)
         column_of[order] = np.arange(len(order))
         cn0_dbhz = np.full((instants.size, len(order)), np.nan)

@@ -99,7 +99,7 @@ class OrbitCollector:
                 self._frame(record.kind, sat, int.from_bytes(octets.tobytes(), "big") >> unused, gpst, within_s)
 
     def add(self, ephemerides: Iterable[BroadcastEphemeris]) -> None:
-        """Take orbits that a protocol relays as they are."""
+        """Take orbits that a protocol relays unchanged."""
         for ephemeris in ephemerides:
             self._keep(getattr(ephemeris, "message", "GLONASS"), ephemeris)
 

@@ -79,7 +79,7 @@ class Rtcm3Reader:
         content = _Contents.of(frames, self._waiting)
         new = content.number[len(self._waiting) :]
         messages = {f"RTCM {value}": int((new == value).sum()) for value in np.unique(new).tolist()}
-        remarks: list[str] = list(self._stated_places(content))
+        remarks: list[str] = list(self._list_stated_places(content))
         if (_KINDS[new] == _MODULO).any():
             remarks.append(_left_out("messages with ranges modulo a millisecond are not read; MSM4 to MSM7 are"))
         orbits = list(self._new_orbits(content))
@@ -110,7 +110,7 @@ class Rtcm3Reader:
 
     # ------------------------------------------------------------------ what is no measurement
 
-    def _stated_places(self, content: "_Contents") -> Iterator[str]:
+    def _list_stated_places(self, content: "_Contents") -> Iterator[str]:
         """Give in words where 1005 or 1006 says that the antenna is, each place once."""
         for row in np.flatnonzero(content.kind == _PLACE).tolist():
             stated = content.octets_of(row)
@@ -119,7 +119,7 @@ class Rtcm3Reader:
                 continue
             self._place = fields
             bits = int.from_bytes(stated[:19], "big")
-            xyz = [1e-4 * _signed(bits >> 8 * 19 - first - 38, 38) for first in (34, 74, 114)]
+            xyz = [1e-4 * _read_signed(bits >> 8 * 19 - first - 38, 38) for first in (34, 74, 114)]
             if np.linalg.norm(xyz) > 1e6:
                 lat, lon, height_m = (float(value) for value in geodetic_from_ecef(np.array(xyz)))
                 yield (
@@ -296,7 +296,7 @@ def _left_out(words: str) -> Remark:
     return Remark(words, RemarkKind.BEARS)
 
 
-def _signed(bits: int, count: int) -> int:
+def _read_signed(bits: int, count: int) -> int:
     """Return the lowest bits of a number in two's complement."""
     value = bits & (1 << count) - 1
     return value - (1 << count) if value >> (count - 1) else value

@@ -124,7 +124,7 @@ def _bits_at(octets: Octets, at: int, count: int) -> int:
 
 
 @compiled
-def _signed_at(octets: Octets, at: int, count: int) -> int:
+def _read_signed_at(octets: Octets, at: int, count: int) -> int:
     value: int = _bits_at(octets, at, count)
     return value - (1 << count) if value >> (count - 1) else value
 
@@ -193,7 +193,7 @@ def _walk_msm(
             whole_ms = _bits_at(octets, first + 8 * s, 8)
             rough_ms[s] = np.nan if whole_ms == 255 else whole_ms + _bits_at(octets, mod + 10 * s, 10) / 1024.0
             if with_rates:
-                rate = _signed_at(octets, mod + 10 * n_sats + 14 * s, 14)
+                rate = _read_signed_at(octets, mod + 10 * n_sats + 14 * s, 14)
                 rough_m_s[s] = np.nan if rate == -8192 else rate
                 channel = _bits_at(octets, first + 8 * n_sats + 4 * s, 4)
                 if system == 1 and channel <= 13 and sats[s] < channels.size:
@@ -211,15 +211,15 @@ def _walk_msm(
             if not _bits_at(octets, at + 169 + k, 1):
                 continue
             s = k // n_signals
-            code = _signed_at(octets, code_at + cell * code_bits, code_bits)
-            phase = _signed_at(octets, phase_at + cell * phase_bits, phase_bits)
+            code = _read_signed_at(octets, code_at + cell * code_bits, code_bits)
+            phase = _read_signed_at(octets, phase_at + cell * phase_bits, phase_bits)
             unknown = -(1 << (code_bits - 1))
             reals[0, n] = np.nan if code == unknown else (rough_ms[s] + code * code_ms) * MILLISECOND_M
             unknown = -(1 << (phase_bits - 1))
             reals[1, n] = np.nan if phase == unknown else (rough_ms[s] + phase * phase_ms) * MILLISECOND_M
             reals[2, n] = np.nan
             if with_rates:
-                rate = _signed_at(octets, rate_at + cell * 15, 15)
+                rate = _read_signed_at(octets, rate_at + cell * 15, 15)
                 if rate != -16384:
                     reals[2, n] = rough_m_s[s] + 1e-4 * rate
             cn0 = _bits_at(octets, cn0_at + cell * cn0_bits, cn0_bits)
@@ -241,7 +241,7 @@ def _walk_msm(
 class PhaseTurns:
     """Remembers, by system, satellite and band, how far the old messages' phases were from their codes.
 
-    They state phase less code within 1500 cycles, which begin anew where they overflow (DF012).
+    They state phase less code within 1500 cycles, which begin again where they overflow (DF012).
     """
 
     def __init__(self) -> None:
@@ -291,9 +291,9 @@ def _walk_legacy(
     n, short = 0, 0
     for m in range(begin.size):
         at, end = 8 * begin[m], 8 * (begin[m] + size[m])
-        glonass, both = number[m] >= 1009, number[m] % 4 == 0
+        glonass, codes = number[m] >= 1009, number[m] % 4 == 0
         header = 61 if glonass else 64
-        of_sat = (79 if glonass else 74) + (51 if both else 0)
+        of_sat = (79 if glonass else 74) + (51 if codes else 0)
         if at + header > end:
             short += 1
             continue
@@ -322,7 +322,7 @@ def _walk_legacy(
             range_bits = 25 if glonass else 24
             modulus_bits = 7 if glonass else 8
             fraction = _bits_at(octets, k, range_bits)
-            apart = _signed_at(octets, k + range_bits, 20)
+            apart = _read_signed_at(octets, k + range_bits, 20)
             lock = _bits_at(octets, k + range_bits + 20, 7)
             k += range_bits + 27
             whole = _bits_at(octets, k, modulus_bits)
@@ -336,11 +336,11 @@ def _walk_legacy(
             reals[3, n] = np.nan if cn0 == 0 else 0.25 * cn0
             integers[2, n] = lock_ms[lock]
             n += 1
-            if not both:
+            if not codes:
                 continue
             code = _bits_at(octets, k, 2)
-            more = _signed_at(octets, k + 2, 14)
-            apart = _signed_at(octets, k + 16, 20)
+            more = _read_signed_at(octets, k + 2, 14)
+            apart = _read_signed_at(octets, k + 16, 20)
             lock, cn0 = _bits_at(octets, k + 36, 7), _bits_at(octets, k + 43, 8)
             if more == 0 and apart == 0 and cn0 == 0:  # as some fill in what they did not measure
                 continue
@@ -359,7 +359,7 @@ def _walk_legacy(
 
 @compiled
 def _unwrap_m(apart: int, carrier_hz: float, last_cyc: Reals, band: int) -> float:
-    """Return phase less code in metres, turns of 1500 cycles added so that it goes on; NaN where there is none."""
+    """Return phase less code in metres, with turns of 1500 cycles that make it continuous; NaN without one."""
     if apart == -524288:
         return np.nan
     wavelength_m = SPEED_OF_LIGHT_M_S / carrier_hz

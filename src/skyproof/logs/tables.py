@@ -75,7 +75,7 @@ class TableStretch:
 
 
 def split_stretches(blocks: Iterable[bytes], read: Callable[[Octets, bool], tuple[T, int]]) -> Iterator[T]:
-    """Give what `read` makes of stretches of a log; it returns how many octets it used, and the next goes on there.
+    """Give what `read` makes of stretches of a log; it returns how many octets it used, and the next continues there.
 
     read : of the octets, and whether they are the log's last ones.
     """

@@ -93,7 +93,7 @@ def _scan(
     """Fill `found` with kind, first octet and size of each message's body.
 
     Returns how many there are, how many octets are done with, how many times the messages broke off, and whether the
-    last one is cut. After damage the search goes on where one message and the head of the next make sense.
+    last one is cut. After damage the search continues where one message and the head of the next make sense.
     """
     allowed = np.zeros(256, np.bool_)
     for kind in kinds:

@@ -1,4 +1,4 @@
-"""Which messages of a receiver help, and how it is told to send them.
+"""Which messages of a receiver help, and how to turn them on.
 
 u-blox: messages are turned on by UBX-CFG-VALSET with a key of each message and port, from generation 9 on (F9 HPG 1.32
 interface description, 6.9.14 and 6.9.19). Septentrio: by the command setSBFOutput (mosaic-X5 reference guide 4.14.0,
@@ -44,7 +44,7 @@ _UBX_RATE_MS: Final = 200
 
 
 def missing_messages(messages: Mapping[str, int]) -> tuple[WantedMessage, ...]:
-    """Return the messages that would help and are not in a log, of the protocols of which it holds any.
+    """Return the messages that would help and are not in a log, of the protocols that it holds.
 
     messages : how many of each name the log holds, as `LogPiece.messages`.
     """

@@ -42,7 +42,7 @@ COARSE_STATUS: Final[Mapping[int, str]] = {
     4: "no whole milliseconds fit: a measurement, the rough time or the rough place is off by more than stated",
     5: "several sets of whole milliseconds fit: a closer time or place, or more satellites, would decide",
 }
-"""Why a `CoarseFix` is as it is; 0 to 3 are those of `FIX_STATUS`. The numbers are NaN unless 0."""
+"""Why a `CoarseFix` has no result; 0 to 3 are those of `FIX_STATUS`. The numbers are NaN unless 0."""
 
 _POSITION, _BIAS, _TIME, _DRIFT, _VELOCITY, _STATES = slice(0, 3), 3, 4, 5, slice(6, 9), 9
 _ATMOSPHERE_RATE_M_S: Final = 0.02  # of ionosphere and troposphere together at 5 to 10 degrees, where both change most

@@ -5,10 +5,10 @@ import math
 from skyproof.report.words import offset_m, offset_words
 from skyproof.verdict import Position, ReceiverResult, radius_95_m
 
-__all__ = ["away_m", "describe_distance", "misled_by_m", "within_m"]
+__all__ = ["away_m", "describe_distance", "measure_misleading_m", "within_m"]
 
 
-def misled_by_m(receiver: ReceiverResult) -> float:
+def measure_misleading_m(receiver: ReceiverResult) -> float:
     """Return how far the unprotected fix lies from the usable one, horizontally; 0 within their errors."""
     usable, other = receiver.usable, receiver.unprotected_fix
     if usable is None or other is None:

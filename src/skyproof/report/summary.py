@@ -80,7 +80,7 @@ def list_facts(verdict: Verdict) -> list[Fact]:
     elif false:
         found.append(Fact("True position", (("Not known", "no signal was proved authentic"),)))
     else:
-        found.append(Fact("True position", (("Not known", _unprotected_words(verdict)),)))
+        found.append(Fact("True position", (("Not known", _describe_unprotected(verdict)),)))
     if false:
         lines = [(_place(verdict, fix), _false_words(r, fix)) for r, fix in false]
         found.append(Fact("The false signals show", _few(lines), "spoofed"))
@@ -91,8 +91,8 @@ def _describe_interference(spell: InterferenceSpell) -> tuple[str, str]:
     """Since when, and how much where."""
     until = "" if spell.until_gpst is None else f" to {format_instant(spell.until_gpst)[11:]}"
     shade = "; shading of the whole antenna would look the same" if spell.may_also_be else ""
-    said = f"GPS time, {spell.receiver}: C/N0 down by {spell.fall_db:.0f} dB on {', '.join(spell.carriers)}{shade}"
-    return f"{format_instant(spell.since_gpst)[11:]}{until}", said
+    words = f"GPS time, {spell.receiver}: C/N0 down by {spell.fall_db:.0f} dB on {', '.join(spell.carriers)}{shade}"
+    return f"{format_instant(spell.since_gpst)[11:]}{until}", words
 
 
 def _place(verdict: Verdict, place: Place | Position) -> str:
@@ -128,19 +128,19 @@ def _describe_onset(verdict: Verdict) -> Fact:
     if verdict.since_gpst is None:
         return Fact(name, (("Not known", ""),), kind)
     clock = format_instant(verdict.since_gpst)[11:]
-    both = f"{verdict.since_gpst[:10]}, GPS time; {format_utc(verdict.since_gpst)} UTC"
+    sentences = f"{verdict.since_gpst[:10]}, GPS time; {format_utc(verdict.since_gpst)} UTC"
     until = [f"until {format_moment(verdict.until_gpst)}"] if verdict.until_gpst is not None else []
     if sigma_s is None:
         how = "present when the recording begins" if verdict.from_start else "first seen then, may have begun earlier"
-        return Fact(name, ((f"{clock} or before", "; ".join([both, how, *until])),), kind)
-    return Fact(name, ((clock, "; ".join([f"± {sigma_s:.2g} s (one sigma), {both}", *until])),), kind)
+        return Fact(name, ((f"{clock} or before", "; ".join([sentences, how, *until])),), kind)
+    return Fact(name, ((clock, "; ".join([f"± {sigma_s:.2g} s (one sigma), {sentences}", *until])),), kind)
 
 
-def _unprotected_words(verdict: Verdict) -> str:
-    shown = [(r, r.unprotected_fix) for r in verdict.receivers if r.unprotected_fix is not None]
-    if not shown:
+def _describe_unprotected(verdict: Verdict) -> str:
+    words = [(r, r.unprotected_fix) for r in verdict.receivers if r.unprotected_fix is not None]
+    if not words:
         return "no position could be computed"
-    r, fix = shown[0]
+    r, fix = words[0]
     return _append_instant(f"without protection {r.name} shows {_place(verdict, fix)}", fix.gpst)
 
 

@@ -3,7 +3,7 @@
 from enum import StrEnum
 
 from skyproof.gnss.time import format_clock
-from skyproof.report.positions import describe_distance, misled_by_m
+from skyproof.report.positions import describe_distance, measure_misleading_m
 from skyproof.report.words import seconds_apart, seconds_words
 from skyproof.verdict import USABLE, ReceiverResult, Verdict
 
@@ -68,8 +68,8 @@ def has_lost_fix(receiver: ReceiverResult) -> bool:
 
 def _warn_of_others(usable: list[ReceiverResult], verdict: Verdict) -> tuple[Advice, str]:
     """Whether an ordinary receiver is led away: by the one that is led farthest."""
-    r = max(usable, key=misled_by_m)
-    if not misled_by_m(r) or r.unprotected_fix is None:
+    r = max(usable, key=measure_misleading_m)
+    if not measure_misleading_m(r) or r.unprotected_fix is None:
         return Advice.DO_NOT_WAIT, "the unprotected position is still right; it can change at any time"
     words = f"without protection {r.name} is off by {describe_distance(r, r.unprotected_fix)}"
     offsets_s = [source.time_offset_s for source in verdict.sources if source.time_offset_s]

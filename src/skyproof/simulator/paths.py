@@ -182,7 +182,7 @@ class PiecewisePath:
 
     Before the first piece and behind the last one it continues straight. Fields are arrays with a row for each piece.
 
-    Before the first piece and behind the last one it goes on straight. Fields are arrays with a row for each piece.
+    Before the first piece and behind the last one it continues straight. Fields are arrays with a row for each piece.
     """
 
     frame: Frame

@@ -106,7 +106,7 @@ class SceneImu(Model):
     mounting_deg: Vector = (0.0, 0.0, 0.0)
 
     @model_validator(mode="after")
-    def _known(self) -> Self:
+    def _require_known(self) -> Self:
         if self.grade is not None:
             require_known_name(self.grade, GRADES, "grade")
         return self
@@ -132,7 +132,7 @@ class SceneReceiver(Site):
     imu: SceneImu | None = None
 
     @model_validator(mode="after")
-    def _known(self) -> Self:
+    def _require_known(self) -> Self:
         if self.oscillator is not None:
             require_known_name(self.oscillator, OSCILLATORS, "oscillator")
         names = [antenna.name for antenna in self.antennas]

@@ -283,11 +283,11 @@ def _along_baselines(one_m: Reals, other_m: Reals, unit_enu: Reals, sigma_m: Rea
     # it does not, and the noise has to keep clear of it.
     fixed = np.linalg.qr(np.column_stack([position, receiver, baselines])).Q
     basis, size, _ = np.linalg.svd(np.column_stack([fixed, along]))
-    one, other = (table @ along for table in tables)
+    pair_receiver, other = (table @ along for table in tables)
     noises = []
     for rest in (basis[:, int(np.sum(size > 1e-4)) :], by_differences.Q[:, spanned:]):
         noises.append((_square(tables[0] @ rest) + _square(tables[1] @ rest), 2 * rest.shape[1]))
-    return _Seen(one, other, by_differences.R[free:spanned, free:], noises[0], noises[1])
+    return _Seen(pair_receiver, other, by_differences.R[free:spanned, free:], noises[0], noises[1])
 
 
 def _square(vectors: Reals) -> Reals:

@@ -1,6 +1,6 @@
 """Which functions a study measures, and which of them a command reaches: read out of the code, name by name.
 
-A study may measure what no user runs: a paper's own method, a bound, an idea that was left. Its page says so.
+A study may measure what no user runs: a paper's own method, a bound, an idea that was left. Its page says which.
 """
 
 import ast
@@ -10,7 +10,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-__all__ = ["MeasuredCode", "measured_by", "unreached"]
+__all__ = ["MeasuredCode", "list_methods_called", "list_unreached"]
 
 _PACKAGE: Final = "skyproof"
 _METHODS: Final = ("decomposition", "detectors", "fusion", "navigation", "receiver", "recording")
@@ -36,27 +36,31 @@ class MeasuredCode(NamedTuple):
     not_reached: tuple[str, ...]
 
 
-def measured_by(run: Callable[..., Any]) -> MeasuredCode:
+def list_methods_called(run: Callable[..., Any]) -> MeasuredCode:
     """Return what a study's `run` calls of the methods, by whether a command other than `study` reaches it too."""
     while isinstance(run, partial):
         run = run.func
-    graph, module = _graph(), run.__module__
-    begin = [one for one in graph if one.module == module and run.__name__ in ("<lambda>", one.name)]
-    inside = _closure(begin, lambda one: one.module.startswith(f"{_PACKAGE}.studies"))
-    found = {target for one in inside for target in graph.get(one, ()) if _is_method(target)}
-    reached = _reached()
+    graph, module = _build_graph(), run.__module__
+    begin = [name for name in graph if name.module == module and run.__name__ in ("<lambda>", name.name)]
+    inside = _compute_closure(begin, lambda name: name.module.startswith(f"{_PACKAGE}.studies"))
+    found = {target for name in inside for target in graph.get(name, ()) if _is_method(target)}
+    reached = _collect_reached()
     return MeasuredCode(
-        tuple(sorted(str(one) for one in found if one in reached)),
-        tuple(sorted(str(one) for one in found if one not in reached)),
+        tuple(sorted(str(name) for name in found if name in reached)),
+        tuple(sorted(str(name) for name in found if name not in reached)),
     )
 
 
-def unreached() -> dict[str, tuple[str, ...]]:
+def list_unreached() -> dict[str, tuple[str, ...]]:
     """Return public functions of the methods' rooms that no command but `study` reaches, by module."""
-    names = sorted(one for one in _graph().keys() - _reached() if _is_method(one) and not one.name.startswith("_"))
-    modules = dict.fromkeys(one.module for one in names)
+    names = sorted(
+        name
+        for name in _build_graph().keys() - _collect_reached()
+        if _is_method(name) and not name.name.startswith("_")
+    )
+    modules = dict.fromkeys(name.module for name in names)
     return {
-        module.removeprefix(f"{_PACKAGE}."): tuple(one.name for one in names if one.module == module)
+        module.removeprefix(f"{_PACKAGE}."): tuple(name.name for name in names if name.module == module)
         for module in modules
     }
 
@@ -67,41 +71,41 @@ def _is_method(one: _Name) -> bool:
 
 
 @cache
-def _reached() -> frozenset[_Name]:
+def _collect_reached() -> frozenset[_Name]:
     """All that the commands reach, the installed detectors among it."""
-    graph = _graph()
+    graph = _build_graph()
     rooms = (f"{_PACKAGE}.cli.", f"{_PACKAGE}.app.")
-    roots = [one for one in graph if one.module.startswith(rooms) and one.module not in _NOT_RUN]
+    roots = [name for name in graph if name.module.startswith(rooms) and name.module not in _NOT_RUN]
     for point in entry_points(group="skyproof.detectors"):
-        roots += [one for one in graph if one == _Name(point.module, point.attr)]
-    return frozenset(_closure(roots, lambda one: not one.module.startswith(f"{_PACKAGE}.studies")))
+        roots += [name for name in graph if name == _Name(point.module, point.attr)]
+    return frozenset(_compute_closure(roots, lambda name: not name.module.startswith(f"{_PACKAGE}.studies")))
 
 
-def _closure(begin: Iterable[_Name], within: Callable[[_Name], bool]) -> set[_Name]:
-    graph, found, waiting = _graph(), set[_Name](), list(begin)
+def _compute_closure(begin: Iterable[_Name], within: Callable[[_Name], bool]) -> set[_Name]:
+    graph, found, waiting = _build_graph(), set[_Name](), list(begin)
     while waiting:
-        one = waiting.pop()
-        if one not in found and within(one):
-            found.add(one)
-            waiting += graph.get(one, ())
+        name = waiting.pop()
+        if name not in found and within(name):
+            found.add(name)
+            waiting += graph.get(name, ())
     return found
 
 
 @cache
-def _graph() -> Mapping[_Name, frozenset[_Name]]:
+def _build_graph() -> Mapping[_Name, frozenset[_Name]]:
     """Every name at the top of a module, and the names that it mentions."""
     root = Path(__file__).resolve().parents[1]
     trees = {_module_of(path, root): ast.parse(path.read_text(encoding="utf-8")) for path in sorted(root.rglob("*.py"))}
-    known = {module: {_Name(module, name) for name, _ in _tops(tree)} for module, tree in trees.items()}
+    known = {module: {_Name(module, name) for name, _ in _list_top_names(tree)} for module, tree in trees.items()}
     imported = {module: dict(_imports(tree, trees)) for module, tree in trees.items()}
     graph: dict[_Name, frozenset[_Name]] = {}
     for module, tree in trees.items():
-        for name, node in _tops(tree):
-            own = _Name(module, name)
-            graph[own] = frozenset(
+        for name, node in _list_top_names(tree):
+            full_name = _Name(module, name)
+            graph[full_name] = frozenset(
                 target
-                for mention in _mentions(node, imported[module], module)
-                if (target := _resolved(mention, known, imported)) is not None and target != own
+                for mention in _list_mentions(node, imported[module], module)
+                if (target := _resolve(mention, known, imported)) is not None and target != full_name
             )
     return graph
 
@@ -111,14 +115,16 @@ def _module_of(path: Path, root: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def _tops(tree: ast.Module) -> Iterator[tuple[str, ast.stmt]]:
+def _list_top_names(tree: ast.Module) -> Iterator[tuple[str, ast.stmt]]:
     """Names that a module makes, and how."""
     for node in tree.body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             yield node.name, node
         elif isinstance(node, ast.Assign | ast.AnnAssign):
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-            yield from ((one.id, node) for target in targets for one in ast.walk(target) if isinstance(one, ast.Name))
+            yield from (
+                (name.id, node) for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)
+            )
 
 
 def _imports(tree: ast.Module, trees: Mapping[str, ast.Module]) -> Iterator[tuple[str, tuple[str, str]]]:
@@ -131,19 +137,19 @@ def _imports(tree: ast.Module, trees: Mapping[str, ast.Module]) -> Iterator[tupl
                 yield alias.asname or alias.name, target
 
 
-def _mentions(node: ast.AST, imported: Mapping[str, tuple[str, str]], module: str) -> Iterator[_Name]:
-    for one in ast.walk(node):
-        if isinstance(one, ast.Name):
-            target = imported.get(one.id, (module, one.id))
+def _list_mentions(node: ast.AST, imported: Mapping[str, tuple[str, str]], module: str) -> Iterator[_Name]:
+    for child in ast.walk(node):
+        if isinstance(child, ast.Name):
+            target = imported.get(child.id, (module, child.id))
             if target[1]:
                 yield _Name(*target)
-        elif isinstance(one, ast.Attribute) and isinstance(one.value, ast.Name):
-            target = imported.get(one.value.id, ("", "?"))
+        elif isinstance(child, ast.Attribute) and isinstance(child.value, ast.Name):
+            target = imported.get(child.value.id, ("", "?"))
             if not target[1]:
-                yield _Name(target[0], one.attr)
+                yield _Name(target[0], child.attr)
 
 
-def _resolved(
+def _resolve(
     mention: _Name, known: Mapping[str, set[_Name]], imported: Mapping[str, Mapping[str, tuple[str, str]]]
 ) -> _Name | None:
     """Where a name is made, through packages that pass it on."""

@@ -4,7 +4,7 @@ Each antenna receives the true and the false signal of a satellite. Noise is the
 transmitter, and of the other signals' codes. A channel holds a signal above `HOLD_DBHZ`; a search finds one above
 `FIND_DBHZ` that stands a chip or more from what is followed already. Where both overlap, code and carrier loops see
 their sum: the code settles where early and late are equal, from where it was before, so that a stronger signal laid on
-the tracked one and drawn off takes the channel with it without a slip, and the carrier follows the stronger one there.
+the tracked one and dragged off takes the channel with it without a slip, and the carrier follows the stronger one.
 Which letter a channel bears after a loss is decided as the receiver does. `Receiver` is what is imitated; where it does
 better, as with two signals less than a chip apart, this one does not.
 """
@@ -110,8 +110,8 @@ class _Arriving:
 def _noise_power(sky: ReceiverSky, true_s: Reals) -> Reals:
     power = np.ones(true_s.size)
     for added in sky.noises:
-        there = (true_s >= added.from_s) & (true_s < added.until_s)
-        power[there] += added.power(true_s[there])
+        finite = (true_s >= added.from_s) & (true_s < added.until_s)
+        power[finite] += added.power(true_s[finite])
     return power
 
 
@@ -363,8 +363,8 @@ class _Receiver:
     def _search(self, epoch: int, now_s: float) -> None:
         full = epoch == 0 or now_s // FULL_SEARCH_S > float(self.elapsed_s[epoch - 1]) // FULL_SEARCH_S
         for number, arriving in enumerate(self.arriving):
-            own = [c for c in self.channels if c.sat == number]
-            heard_hz = [c.doppler_hz for c in own]
+            channels = [c for c in self.channels if c.sat == number]
+            heard_hz = [c.doppler_hz for c in channels]
             heard_hz += [old.place.doppler_hz for old in self.lost if old.sat == arriving.sat]
             if not (full or heard_hz):
                 continue
@@ -372,10 +372,10 @@ class _Receiver:
             for side in np.argsort(-arriving.dbhz[epoch]):
                 dbhz, at_m = float(arriving.dbhz[epoch, side]), float(arriving.code_m[epoch, side])
                 hz = float(arriving.doppler_hz[epoch, side])
-                near = any(abs(hz - one) < NEAR_HZ for one in heard_hz)
+                near = any(abs(hz - peak) < NEAR_HZ for peak in heard_hz)
                 if not (dbhz >= FIND_DBHZ and dbhz > strongest - MASKED_DB and (full or near)):
                     continue
-                if any(abs(at_m - c.at_m) < APART_CHIPS * CHIP_M for c in own):
+                if any(abs(at_m - c.at_m) < APART_CHIPS * CHIP_M for c in channels):
                     continue
                 new = _Channel(
                     sat=number,
@@ -387,7 +387,7 @@ class _Receiver:
                     missed_s=self.searched_s.get(number, math.nan),
                     from_epoch=epoch + CONFIRM_EPOCHS,
                 )
-                own.append(new)
+                channels.append(new)
                 self.channels.append(new)
             self.searched_s[number] = now_s
 
@@ -492,13 +492,13 @@ def add_truth(scene: Scene, index: int, reception: Reception) -> KnownReception:
     is_false = np.array([heard.label == "spoofed" for heard in sky.signals], float)
     share = np.full(o.pseudorange_m.shape, np.nan)
     for channel, signal in enumerate(o.signals):
-        own = [column for column, heard in enumerate(sky.signals) if heard.id.sat == signal.sat]
+        truth = [column for column, heard in enumerate(sky.signals) if heard.id.sat == signal.sat]
         seen = np.isfinite(o.pseudorange_m[:, channel])
-        if own:
-            off_m = np.abs((o.pseudorange_m[:, channel] - SPEED_OF_LIGHT_M_S * clock_s)[:, None] - delay_m[:, own])
+        if truth:
+            off_m = np.abs((o.pseudorange_m[:, channel] - SPEED_OF_LIGHT_M_S * clock_s)[:, None] - delay_m[:, truth])
             best = np.sort(off_m[seen], axis=1)
-            clear = best[:, 0] < CLEARLY * best[:, 1] if len(own) > 1 else np.ones(best.shape[0], np.bool_)
-            share[seen, channel] = np.where(clear, is_false[own][np.argmin(off_m[seen], axis=1)], np.nan)
+            clear = best[:, 0] < CLEARLY * best[:, 1] if len(truth) > 1 else np.ones(best.shape[0], np.bool_)
+            share[seen, channel] = np.where(clear, is_false[truth][np.argmin(off_m[seen], axis=1)], np.nan)
     return KnownReception(
         reception=reception, false_share=share, position_ecef_m=sky.point(true_s).position_ecef_m, true_s=true_s
     )

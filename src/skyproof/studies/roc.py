@@ -9,7 +9,7 @@ from scipy import special
 from skyproof.arrays import Reals
 from skyproof.statistics.distributions import chi_square_threshold, noncentral_chi_square_survival
 
-__all__ = ["Roc", "area_under", "chi_square_power", "count_interval", "counted_roc"]
+__all__ = ["Roc", "area_under", "chi_square_power", "count_interval", "count_roc"]
 
 
 class Roc(NamedTuple):
@@ -20,7 +20,7 @@ class Roc(NamedTuple):
     detection: Reals
 
 
-def counted_roc(null: ArrayLike, alternative: ArrayLike, false_alarm: ArrayLike) -> Roc:
+def count_roc(null: ArrayLike, alternative: ArrayLike, false_alarm: ArrayLike) -> Roc:
     """Thresholds that the stated share of `null` (n,) exceeds, and the share of `alternative` (m,) above them."""
     below, above = np.sort(np.asarray(null, float)), np.sort(np.asarray(alternative, float))
     allowed = np.floor(np.asarray(false_alarm, float) * below.size + 1e-9).astype(int)

@@ -54,10 +54,10 @@ def filter_of(covariance: Complexes, signatures: Complexes) -> Complexes:
     Raises ValueError if the sources leave nothing: as many as antennas that receive.
     """
     values, vectors = np.linalg.eigh(covariance)
-    there = values > _LEAST * max(values[-1], 0.0)
-    if not there.any():  # a gap that is bridged with zeros
+    kept = values > _LEAST * max(values[-1], 0.0)
+    if not kept.any():  # a gap that is bridged with zeros
         return np.zeros_like(covariance)
-    values, vectors = values[there], vectors[:, there]
+    values, vectors = values[kept], vectors[:, kept]
     white = (vectors / np.sqrt(values)) @ vectors.conj().T
     basis, strength, _ = np.linalg.svd(white @ signatures, full_matrices=False)
     basis = basis[:, strength > np.sqrt(_LEAST) * strength.max(initial=0.0)]
@@ -82,7 +82,7 @@ def signature_of(phase_cyc: Reals, sigma_cyc: Reals, noise_rms: Reals) -> Comple
     with NaN are left out. noise_rms : (M,) of the antennas' samples.
 
     The sigma of a phase is as its antenna's noise over the amplitude. Rows are joined by the vector that fits their
-    outer products best (the first principal component), so their common phases are of no concern.
+    outer products best (the first principal component), so their common phases do not matter.
 
     Raises ValueError if no row is complete.
     """
@@ -106,8 +106,8 @@ def filtered(samples: Samples, signatures: Signatures | None = None, *, block_s:
     if len(antennas) < 2:
         raise ValueError(f"{samples.name} has one antenna; a source is taken out of several")
     read = _Filtered(samples, signatures, min(max(round(block_s * samples.rate_hz), 1), max(samples.n_samples, 1)))
-    first, *others = (replace(one, read=partial(read, number), others=()) for number, one in enumerate(antennas))
-    return replace(first, others=tuple(others))
+    first, *rest = (replace(antenna, read=partial(read, number), others=()) for number, antenna in enumerate(antennas))
+    return replace(first, others=tuple(rest))
 
 
 class _Filtered:
@@ -134,12 +134,12 @@ class _Filtered:
             if first >= stop:
                 break
             end = first + self._block if number < n_blocks - 1 else self._samples.n_samples
-            part = self._combined(first, end)[:, max(start - first, 0) : stop - first]
+            part = self._combine_antennas(first, end)[:, max(start - first, 0) : stop - first]
             rows = slice(max(first - start, 0), max(first - start, 0) + part.shape[1])
             out[:, 0, rows], out[:, 1, rows] = part.real, part.imag
         return out
 
-    def _combined(self, first: int, end: int) -> ComplexFloats:
+    def _combine_antennas(self, first: int, end: int) -> ComplexFloats:
         """One block, whole."""
         planes = self._samples.read_all(first, end - first)
         waves = planes[:, 0] + 1j * planes[:, 1]

@@ -86,7 +86,7 @@ TABLE_1: Final = {150: (278, 389, 266, 398), 200: (201, 318, 194, 296)}
 FULL: Final = {150: (8, 10, 8, 12), 200: (4, 8, 4, 8)}
 
 
-def _missed(test: str, n: int, grid: DirectionBlocks, *, share: bool) -> Reals:
+def _count_missed(test: str, n: int, grid: DirectionBlocks, *, share: bool) -> Reals:
     """Blocks, or share of the hemisphere, with P_D < 0.99 about each reference; the same in the paper's sense and in
     the usual one."""
     covariance = np.asarray(np.linalg.inv(_information(test, n)), np.float64)
@@ -99,7 +99,7 @@ def dead_zones(settings: StudySettings) -> Iterator[Row]:
     grid = blocks(1.0)
     for n in (40, 50, 150, 200):
         for test in ("paper", "full"):
-            for (az_deg, el_deg), count in zip(REFERENCES, _missed(test, n, grid, share=False), strict=True):
+            for (az_deg, el_deg), count in zip(REFERENCES, _count_missed(test, n, grid, share=False), strict=True):
                 yield {"test": test, "reference": f"({az_deg:g}, {el_deg:g})", "n": n, "blocks": int(count)}
 
 
@@ -108,7 +108,7 @@ def solid_angle(settings: StudySettings) -> Iterator[Row]:
     grid = blocks(0.25 if settings.quick else 0.2)
     for n in (40, 50, 150, 200):
         for test in ("paper", "full"):
-            for (az_deg, el_deg), share in zip(REFERENCES, _missed(test, n, grid, share=True), strict=True):
+            for (az_deg, el_deg), share in zip(REFERENCES, _count_missed(test, n, grid, share=True), strict=True):
                 yield {"test": test, "reference": f"({az_deg:g}, {el_deg:g})", "n": n, "share": float(share)}
 
 

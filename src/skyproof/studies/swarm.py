@@ -68,10 +68,10 @@ def _cost(at, signals, data, taps, bins, coherent_s, table, step, known, lags, f
     total = 0.0
     for b in range(bins.size):
         for i in range(taps.size):
-            left = data[b, i]
+            residual = data[b, i]
             for k in range(signals):
-                left -= factors[k, b] * lags[k, i]
-            total += left.real**2 + left.imag**2
+                residual -= factors[k, b] * lags[k, i]
+            total += residual.real**2 + residual.imag**2
     return total
 
 
@@ -97,13 +97,13 @@ def _swarm(  # type: ignore[no-untyped-def]
     per = 3 if known else 4
     p = low.size
     lags, factors = np.empty((signals, taps.size)), np.empty((signals, bins.size), np.complex128)
-    at, speed, own = np.empty((particles, p)), np.zeros((particles, p)), np.empty((particles, p))
+    at, speed, best_own = np.empty((particles, p)), np.zeros((particles, p)), np.empty((particles, p))
     own_cost = np.empty(particles)
     best, best_cost = np.empty(p), np.inf
     for i in range(particles):
         for q in range(p):
             at[i, q] = low[q] + (high[q] - low[q]) * rng.random()
-        own[i] = at[i]
+        best_own[i] = at[i]
         own_cost[i] = _cost(at[i], signals, data, taps, bins, coherent_s, table, step, known, lags, factors)
         if own_cost[i] < best_cost:
             best_cost = own_cost[i]
@@ -114,7 +114,7 @@ def _swarm(  # type: ignore[no-untyped-def]
                 wide = high[q] - low[q]
                 v = (
                     inertia * speed[i, q]
-                    + own_pull * rng.random() * (own[i, q] - at[i, q])
+                    + own_pull * rng.random() * (best_own[i, q] - at[i, q])
                     + swarm_pull * rng.random() * (best[q] - at[i, q])
                 )
                 speed[i, q] = min(max(v, -0.5 * wide), 0.5 * wide)
@@ -125,12 +125,12 @@ def _swarm(  # type: ignore[no-untyped-def]
             cost = _cost(at[i], signals, data, taps, bins, coherent_s, table, step, known, lags, factors)
             if cost < own_cost[i]:
                 own_cost[i] = cost
-                own[i] = at[i]
+                best_own[i] = at[i]
         # the swarm's best is renewed after the round, as the paper does
         for i in range(particles):
             if own_cost[i] < best_cost:
                 best_cost = own_cost[i]
-                best[:] = own[i]
+                best[:] = best_own[i]
     return best, best_cost
 
 
@@ -154,11 +154,11 @@ def swarm_decompose(
     taps, bins = np.atleast_1d(np.asarray(taps_chips, np.float64)), np.atleast_1d(np.asarray(bins_hz, np.float64))
     shape = z.shape[:-2]
     known = settings.within_hz <= 0.0
-    one = [(0.0, settings.most_amplitude), (-settings.within_chips, settings.within_chips), (-np.pi, np.pi)]
+    particle = [(0.0, settings.most_amplitude), (-settings.within_chips, settings.within_chips), (-np.pi, np.pi)]
     if not known:
-        one.append((-settings.within_hz, settings.within_hz))
-    per = len(one)
-    low, high = np.array(one * signals).T.copy()
+        particle.append((-settings.within_hz, settings.within_hz))
+    per = len(particle)
+    low, high = np.array(particle * signals).T.copy()
     half = round(_TABLE_REACH_CHIPS / _TABLE_CHIPS)
     table = correlation(np.arange(-half, half + 2) * _TABLE_CHIPS, band_hz, GPS_L1_CA)
     flat = z.reshape(-1, *z.shape[-2:])

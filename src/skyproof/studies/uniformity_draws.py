@@ -183,9 +183,9 @@ def one_antenna(
 
 def ratio(rng: np.random.Generator, n: int) -> Reals:
     """Both tables from one antenna, means of 4 epochs of AR(1) 0.9."""
-    one, other = (_tracks(rng, (n, 4, 7, 2), phi=0.9).mean(axis=1) for _ in range(2))
+    table, other = (_tracks(rng, (n, 4, 7, 2), phi=0.9).mean(axis=1) for _ in range(2))
     sigma_m = np.ones((7, 2))
-    return ratio_test(one, sigma_m, other, sigma_m).p_value
+    return ratio_test(table, sigma_m, other, sigma_m).p_value
 
 
 def distance(rng: np.random.Generator, n: int) -> Reals:
@@ -258,7 +258,7 @@ def unrelated_sets(rng: np.random.Generator, n: int) -> Reals:
 
 def many_of_ten(rng: np.random.Generator, n: int) -> Reals:
     """Ten uniform p-values."""
-    return np.array([many_small(own).p_value for own in rng.random((n, 10))])
+    return np.array([many_small(p_values).p_value for p_values in rng.random((n, 10))])
 
 
 def true_set(rng: np.random.Generator, n: int) -> Reals:
@@ -270,11 +270,11 @@ def true_set(rng: np.random.Generator, n: int) -> Reals:
 
 def exclusion(rng: np.random.Generator, n: int) -> Reals:
     """The true one of two fixes, beside an inertial navigator that has drifted."""
-    own, fix = (root @ root.T for root in (rng.normal(0.0, 20.0, (3, 3)), rng.normal(0.0, 3.0, (3, 3))))
-    place = rng.standard_normal((n, 3)) @ np.linalg.cholesky(own).T
+    both_fixes, fix = (root @ root.T for root in (rng.normal(0.0, 20.0, (3, 3)), rng.normal(0.0, 3.0, (3, 3))))
+    place = rng.standard_normal((n, 3)) @ np.linalg.cholesky(both_fixes).T
     true = rng.standard_normal((n, 3)) @ np.linalg.cholesky(fix).T
     fixes = np.stack([true, true + 100.0], axis=1)
-    return np.asarray(choose_fix(place, own, fixes, np.stack([fix, fix])).p_value[:, 0])
+    return np.asarray(choose_fix(place, both_fixes, fixes, np.stack([fix, fix])).p_value[:, 0])
 
 
 def count_of_signals(rng: np.random.Generator, n: int) -> Reals:

@@ -27,7 +27,7 @@ def drawn_seconds(
     sat = np.repeat(np.arange(n), rng.poisson(model.echoes_per_satellite, n))
     m = sat.size
     late_m = echo_delays_m(rng, model, elevation_deg[sat])
-    blocked_db = _blocked_db(rng, model, below_db[sat] + model.gain_db)
+    blocked_db = _draw_blocked_db(rng, model, below_db[sat] + model.gain_db)
     rough_db = -12.35 - 0.0016 * late_m + 10.0 * np.log10(rng.exponential(size=m))
     smooth_db = rng.uniform(-model.most_weaker_db, model.gain_db, m)
     over_db = np.where(rng.random(m) < model.smooth_share, smooth_db, rough_db) + blocked_db
@@ -62,13 +62,13 @@ def echo_delays_m(rng: np.random.Generator, model: EchoModel, elevation_deg: Rea
     return np.where(rng.random(m) < model.far_share, rng.uniform(0.0, 4500.0, m), near_m)
 
 
-def _blocked_db(rng: np.random.Generator, model: EchoModel, most_db: Reals) -> Reals:
+def _draw_blocked_db(rng: np.random.Generator, model: EchoModel, most_db: Reals) -> Reals:
     """By how much each direct signal is blocked, at most `most_db`; drawn again until it is."""
     found = np.full(most_db.size, np.nan)
-    while (left := np.flatnonzero(np.isnan(found))).size:
-        drawn = rng.normal(model.blocked_db, model.blocked_sigma_db, left.size)
-        drawn = np.where(rng.random(left.size) < model.blocked_share, drawn, 0.0)
-        found[left] = np.where((drawn >= 0.0) & (drawn <= most_db[left]), drawn, np.nan)
+    while (blocked := np.flatnonzero(np.isnan(found))).size:
+        drawn = rng.normal(model.blocked_db, model.blocked_sigma_db, blocked.size)
+        drawn = np.where(rng.random(blocked.size) < model.blocked_share, drawn, 0.0)
+        found[blocked] = np.where((drawn >= 0.0) & (drawn <= most_db[blocked]), drawn, np.nan)
     return found
 
 
@@ -80,11 +80,11 @@ def echoes_of_ten(rng: np.random.Generator, n: int) -> Reals:
     p_values = np.ones(n * _SATS)
     for sat, second in drawn_seconds(rng, model, below_db, elevation_deg):
         ratio = false_over_echo(model, second)
-        own = echo_p_value(model, ratio, second)
-        p_values[sat] = min(p_values[sat], own)
+        echoes = echo_p_value(model, ratio, second)
+        p_values[sat] = min(p_values[sat], echoes)
     return np.array(
         [
-            many_small(own, least=SECOND_SIGNALS.attack_satellites, most=SECOND_SIGNALS.telling_p_value).p_value
-            for own in p_values.reshape(n, _SATS)
+            many_small(echoes, least=SECOND_SIGNALS.attack_satellites, most=SECOND_SIGNALS.telling_p_value).p_value
+            for echoes in p_values.reshape(n, _SATS)
         ]
     )

@@ -17,7 +17,7 @@ def burst_of_one_signal(rng: np.random.Generator, n: int) -> Reals:
     """Four intervals of 20 ms of one signal in a band of 3 MHz, the noise's variance known of 64 values."""
     prn, band_hz, intervals, known = 7, 3e6, 4, 64
     taps = np.arange(-5.0, 6.0) * 0.3
-    own = build_shapes(GPS_L1_CA, prn, tuple(taps.tolist()), band_hz, 1.3)
+    bursts = build_shapes(GPS_L1_CA, prn, tuple(taps.tolist()), band_hz, 1.3)
     variance = float(noise_variance(42.0, 0.02, band_hz))
     signal = autocorrelate_code(GPS_L1_CA, prn, taps - rng.uniform(-0.2, 0.2, (n, 1)), band_hz)
     turn = np.exp(2j * np.pi * rng.random((n, intervals, 1)))
@@ -26,8 +26,8 @@ def burst_of_one_signal(rng: np.random.Generator, n: int) -> Reals:
     )
     noise = (rng.standard_normal((n, intervals, taps.size, 2)) @ [1.0, 1j]) @ root.T
     stated = variance * rng.chisquare(2.0 * known, (n, 1)) / (2.0 * known) * np.ones(intervals)
-    found = fit_components(turn * signal[:, None] + np.sqrt(0.5 * variance) * noise, own, stated)
-    return joint_p_value(found.second, intervals, own.path, known)
+    found = fit_components(turn * signal[:, None] + np.sqrt(0.5 * variance) * noise, bursts, stated)
+    return joint_p_value(found.second, intervals, bursts.path, known)
 
 
 def rates_alike(rng: np.random.Generator, n: int) -> Reals:

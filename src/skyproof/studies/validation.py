@@ -10,7 +10,7 @@ from datetime import date
 from importlib.metadata import version
 
 from skyproof.studies.base import COLUMNS, Claim, Row, Study, StudySettings
-from skyproof.studies.reached import measured_by, unreached
+from skyproof.studies.reached import list_methods_called, list_unreached
 
 __all__ = ["Checked", "check", "table"]
 
@@ -44,11 +44,11 @@ class Checked:
         if self.agrees is None:
             verdict = NONE
         else:
-            verdict = f"{'within' if self.agrees else '**not** within'} {_written(self.tolerance, claim.digits)}"
+            verdict = f"{'within' if self.agrees else '**not** within'} {_format_value(self.tolerance, claim.digits)}"
         return (
-            *(_written(value, claim.digits) for value in before),
+            *(_format_value(value, claim.digits) for value in before),
             self._through(),
-            _written(self.reference, claim.digits),
+            _format_value(self.reference, claim.digits),
             verdict,
         )
 
@@ -56,7 +56,7 @@ class Checked:
         """What a user gets. Rows of long windows are left out of quick counts."""
         if self.protect is None:
             return NONE if self.same is None and self.better is None else NOT_REACHED
-        return _written(self.protect, self.claim.digits) if math.isfinite(self.protect) else NOT_RUN
+        return _format_value(self.protect, self.claim.digits) if math.isfinite(self.protect) else NOT_RUN
 
 
 def check(study: Study, rows: Sequence[Row]) -> list[Checked]:
@@ -119,18 +119,22 @@ def _lines(
             paper = study.paper
             yield from ("", f"## {_cell(paper)}")
         figure = "" if study.figure == "none" else f"{_cell(study.figure)}.".replace("..", ".")
-        about = (figure, study.note, _measured(study))
+        about = (figure, study.note, _name_unreached(study))
         yield from ("", f"### `{name}`: {_cell(study.title)}", "", " ".join(text for text in about if text))
         if not study.claims:
             yield from ("", "No single figure to compare; the rows are the result.")
             continue
         checked = check(study, list(study.run(settings)))
-        yield from _figures([(one.claim.what, *one.cells()) for one in checked if not one.claim.across])
-        yield from _families([(one.claim.what, one.claim.across, one.cells()) for one in checked if one.claim.across])
+        yield from _figures([(claim.claim.what, *claim.cells()) for claim in checked if not claim.claim.across])
+        yield from _families(
+            [(claim.claim.what, claim.claim.across, claim.cells()) for claim in checked if claim.claim.across]
+        )
     yield from ("", "## Functions that no command reaches", "")
     yield "Public functions of the methods that only studies, tests or users' own code call, by module."
     yield ""
-    yield from (f"- `{module}`: {', '.join(f'`{name}`' for name in names)}" for module, names in unreached().items())
+    yield from (
+        f"- `{module}`: {', '.join(f'`{name}`' for name in names)}" for module, names in list_unreached().items()
+    )
 
 
 def _figures(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
@@ -147,15 +151,15 @@ def _figures(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
 def _families(rows: Sequence[tuple[str, str, tuple[str, ...]]]) -> Iterator[str]:
     """Yield tables of claims that differ in one thing only, which is the column."""
     of_what: dict[str, dict[str, tuple[str, ...]]] = {}
-    for what, across, cells in rows:
-        of_what.setdefault(what, {})[across] = cells
+    for parameter, across, cells in rows:
+        of_what.setdefault(parameter, {})[across] = cells
     tables: dict[tuple[str, ...], list[str]] = {}
-    for what, cells_of in of_what.items():
-        tables.setdefault(tuple(cells_of), []).append(what)
+    for parameter, cells_of in of_what.items():
+        tables.setdefault(tuple(cells_of), []).append(parameter)
     for columns, names in tables.items():
         yield from ("", _row(FAMILY, *columns), _row(*["---"] * (len(columns) + 1)))
-        for what in names:
-            yield _row(what, *(_of_family(cells) for cells in of_what[what].values()))
+        for parameter in names:
+            yield _row(parameter, *(_of_family(cells) for cells in of_what[parameter].values()))
 
 
 def _of_family(cells: tuple[str, ...]) -> str:
@@ -164,9 +168,9 @@ def _of_family(cells: tuple[str, ...]) -> str:
     return " ".join(numbers) + (f" {verdict}" if verdict.startswith("**") else "")
 
 
-def _measured(study: Study) -> str:
+def _name_unreached(study: Study) -> str:
     """Name the code of a study that no command reaches."""
-    names = ", ".join(f"`{name}`" for name in measured_by(study.run).not_reached)
+    names = ", ".join(f"`{name}`" for name in list_methods_called(study.run).not_reached)
     return f"No command reaches {names}." if names else ""
 
 
@@ -178,7 +182,7 @@ def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
-def _written(value: float | str | None, digits: int) -> str:
+def _format_value(value: float | str | None, digits: int) -> str:
     if value is None:
         return NONE
     if isinstance(value, str):

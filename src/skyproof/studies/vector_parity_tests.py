@@ -99,10 +99,10 @@ def suspects(y: Reals, white: Whitener) -> Suspects:
     z = np.square(y[..., :half] @ white.code) / np.sum(white.code**2, axis=0)
     z = z + np.square(y[..., half:] @ white.phase) / np.sum(white.phase**2, axis=0)
     suspect = np.argmax(z, axis=-1)
-    left = np.maximum(np.sum(y**2, axis=-1) - np.max(z, axis=-1), 0.0)
+    remaining = np.maximum(np.sum(y**2, axis=-1) - np.max(z, axis=-1), 0.0)
     dof = 2 * (half - 1)
-    p_value = chi_square_survival(left, dof) if dof else np.ones(left.shape)
-    return Suspects(z, suspect, np.asarray(left, float), p_value, dof)
+    p_value = chi_square_survival(remaining, dof) if dof else np.ones(remaining.shape)
+    return Suspects(z, suspect, np.asarray(remaining, float), p_value, dof)
 
 
 def indistinguishable_attack(design: Reals, attack: ArrayLike, authentic: int) -> Reals:

@@ -189,10 +189,9 @@ def rule_alarm_probability(
     kinds, which = np.unique(np.stack((a, code, phase), axis=-1), axis=0, return_inverse=True)
     below = np.stack([_parameter_below(xi, *kind) for kind in kinds])[which.reshape(-1)]
     at = parameter(u[:, None], q[None, :])
-    others = np.stack([np.prod(np.delete(below, m, axis=0), axis=0) for m in range(a.size)])
+    rest = np.stack([np.prod(np.delete(below, m, axis=0), axis=0) for m in range(a.size)])
     silent = [
-        float(np.sum(density_u[m][:, None] * density_q[m][None, :] * np.interp(at, xi, others[m])))
-        for m in range(a.size)
+        float(np.sum(density_u[m][:, None] * density_q[m][None, :] * np.interp(at, xi, rest[m]))) for m in range(a.size)
     ]
     return 1.0 - sum(silent)
 
@@ -203,8 +202,8 @@ def _parameter_below(xi: Reals, amplitude: float, code_chips: float, phase_rad: 
     reach = np.minimum(xi, 0.5)[:, None]
     u = reach * x
     knots = np.linspace(0.0, law.HALF_PI, 4001)
-    both = sum(law.phase_density(side * knots, amplitude, phase_rad, code_chips) for side in (-1.0, 1.0))
-    within = cumulative_trapezoid(both, knots, initial=0.0)
+    pair = sum(law.phase_density(side * knots, amplitude, phase_rad, code_chips) for side in (-1.0, 1.0))
+    within = cumulative_trapezoid(pair, knots, initial=0.0)
     at = np.interp(np.maximum(xi[:, None] - np.abs(u), 0.0) * law.HALF_PI, knots, within)
     return np.asarray(np.sum(reach * w * laws.code_density(u, amplitude, code_chips) * at, axis=-1), float)
 

@@ -35,7 +35,7 @@ METRICS: Final = ("code, chip", "phase, rad")
 DENSITIES: Final = ("value", "density", "density_as_printed", "density_simulated")
 
 
-def _settled(prns: Sequence[int], code_chips: float, doppler_hz: float, cn0_dbhz: float) -> rules.Equilibrium:
+def _find_settled(prns: Sequence[int], code_chips: float, doppler_hz: float, cn0_dbhz: float) -> rules.Equilibrium:
     return rules.equilibrium(SKY, attack_on(*prns, size=code_chips), attack_on(*prns, size=doppler_hz), cn0_dbhz)
 
 
@@ -71,7 +71,7 @@ def bias(settings: StudySettings) -> Iterator[Row]:
     """Where the loops settle: PRN 2 with 0.5 chip and 250 Hz. The loops closed beside it at a few C/N0."""
     trials = settings.count(400, 40)
     for cn0_dbhz in range(30, 51):
-        settled = _settled((2,), 0.5, 250.0, cn0_dbhz)
+        settled = _find_settled((2,), 0.5, 250.0, cn0_dbhz)
         simulated = None
         if cn0_dbhz in (40, 45, 50):
             simulated = vector_loops(
@@ -96,7 +96,7 @@ def density(settings: StudySettings) -> Iterator[Row]:
     """Densities of eta1 = |code| and eta2 = |phase| of one satellite: computed, counted, and with (17) as printed."""
     trials = settings.count(1_000_000, 100_000)
     cases: list[tuple[str, int, int, float, float]] = [("none", *case, 0.0, 0.0) for case in CASES]
-    three = _settled(THREE, 0.5, 250.0, 45)
+    three = _find_settled(THREE, 0.5, 250.0, 45)
     place = of_prn(20)
     cases += [("PRN 12, 13, 17", 45, k, three.code_chips[place], three.phase_rad[place]) for k in (1, 10)]
     for stream, (attack, cn0_dbhz, k, code, phase) in enumerate(cases):
@@ -106,12 +106,12 @@ def density(settings: StudySettings) -> Iterator[Row]:
             edges = np.linspace(0.0, float(drawn.max()), 51)
             counted = np.histogram(drawn, edges)[0] / (trials * np.diff(edges))
             middles = 0.5 * (edges[1:] + edges[:-1])
-            both = np.stack((middles, -middles))
+            pair = np.stack((middles, -middles))
             if metric == METRICS[0]:
-                computed = printed = np.sum(laws.code_density(both, amplitude, code), axis=0)
+                computed = printed = np.sum(laws.code_density(pair, amplitude, code), axis=0)
             else:
-                computed = np.sum(law.phase_density(both, amplitude, phase, code), axis=0)
-                printed = np.sum(law.phase_density(both, amplitude, phase, code, form="paper"), axis=0)
+                computed = np.sum(law.phase_density(pair, amplitude, phase, code), axis=0)
+                printed = np.sum(law.phase_density(pair, amplitude, phase, code, form="paper"), axis=0)
             for line in zip(middles, computed, printed, counted, strict=True):
                 yield {
                     "attack": attack,
@@ -140,14 +140,14 @@ def parameters(settings: StudySettings) -> Iterator[Row]:
     trials = settings.count(1_000_000, 100_000)
     attacks = [((2,), 40, k) for k in (1, 10, 100)] + [(THREE, 45, k) for k in (1, 10)]
     for stream, (prns, cn0_dbhz, k) in enumerate(attacks):
-        settled = _settled(prns, 0.5, 250.0, cn0_dbhz)
+        settled = _find_settled(prns, 0.5, 250.0, cn0_dbhz)
         amplitude = laws.prompt_amplitude(cn0_dbhz, k)
         xi = rules.parameter(*draw_discriminators(settings.rng(stream), trials, amplitude, *settled))
         largest = np.bincount(np.argmax(xi, axis=-1), minlength=6) / trials
         quiet = rules.parameter(*settled)
         for i, prn in enumerate(PRNS):
             yield {
-                "attack": _named(prns),
+                "attack": _find_named(prns),
                 "cn0_dbhz": cn0_dbhz,
                 "k": k,
                 "prn": prn,
@@ -159,7 +159,7 @@ def parameters(settings: StudySettings) -> Iterator[Row]:
             }
 
 
-def _named(prns: Sequence[int]) -> str:
+def _find_named(prns: Sequence[int]) -> str:
     return "PRN " + ", ".join(map(str, prns))
 
 
@@ -198,8 +198,8 @@ def cn0_k(settings: StudySettings) -> Iterator[Row]:
 def one_spoofer(settings: StudySettings) -> Iterator[Row]:
     """One satellite attacked with more and more, 45 dB-Hz, K = 1, by formula; the paper gives no range of sizes.
 
-    `p_d` is of the attacked satellite, `p_d_largest` of the one with the largest noise-free parameter, `p_d_rule` of
-    the rule, `p_fa_rule` its false alarms; `p_d_parity` of the parity test at the false-alarm probability `p_fa`.
+    `p_d` belongs to the attacked satellite, `p_d_largest` to the one with the largest noise-free parameter, `p_d_rule`
+    to the rule, `p_fa_rule` its false alarms; `p_d_parity` of the parity test at the false-alarm probability `p_fa`.
     """
     cn0_dbhz, k = 45, 1
     amplitude = float(laws.prompt_amplitude(cn0_dbhz, k))
@@ -210,7 +210,7 @@ def one_spoofer(settings: StudySettings) -> Iterator[Row]:
     for kind, (code, doppler) in {"code": (CHIPS, 0.0), "Doppler": (0.0, HZ), "both": (CHIPS, HZ)}.items():
         for i, prn in enumerate(PRNS):
             for step in steps:
-                settled = _settled((prn,), step * code, step * doppler, cn0_dbhz)
+                settled = _find_settled((prn,), step * code, step * doppler, cn0_dbhz)
                 tested = int(np.argmax(rules.parameter(*settled)))
                 p_d = rules.detection_probability(amplitude, *settled)
                 u = white.code @ laws.code_mean(amplitude, settled.code_chips)
@@ -238,13 +238,13 @@ def one_spoofer(settings: StudySettings) -> Iterator[Row]:
 def many(settings: StudySettings) -> Iterator[Row]:
     """Table 2 (PRN 2 attacked alone, 0.4 chip and 200 Hz) and the attack of Table 3 on three satellites at once.
 
-    `p_d_theory` and `p_d_simulated` are of `tested_prn`, `p_d_rule` of the whole rule. `p_d_parity` is of the parity
+    `p_d_theory` and `p_d_simulated` belong to `tested_prn`, `p_d_rule` of the whole rule. `p_d_parity` is of the parity
     test at the false-alarm probability `p_fa` of the paper's Table 1, counted.
     """
     trials = settings.count(1_000_000, 100_000)
     cases = [((2,), CHIPS, HZ, 2, *case) for case in CASES] + [(THREE, 0.5, 250.0, 20, 45, k) for k in (1, 10)]
     for stream, (prns, code, doppler, tested, cn0_dbhz, k) in enumerate(cases):
-        settled, i = _settled(prns, code, doppler, cn0_dbhz), of_prn(tested)
+        settled, i = _find_settled(prns, code, doppler, cn0_dbhz), of_prn(tested)
         amplitude = float(laws.prompt_amplitude(cn0_dbhz, k))
         p_fa = float(rules.detection_probability(amplitude))
         u, q = draw_discriminators(settings.rng(stream), trials, amplitude, *settled)
@@ -252,7 +252,7 @@ def many(settings: StudySettings) -> Iterator[Row]:
         y = parity.parity_vector(u, q, parity_tests.whitener(SKY.parity, amplitude))
         shift, turn = rules.linear_shift(SKY, attack_on(*prns, size=code), attack_on(*prns, size=doppler))
         yield {
-            "attack": _named(prns),
+            "attack": _find_named(prns),
             "code_chips": code,
             "doppler_hz": doppler,
             "cn0_dbhz": cn0_dbhz,

@@ -10,7 +10,7 @@ from skyproof.detectors.prediction.choice import (
     Prediction,
     PredictionSettings,
     collect_overlapping_fixes,
-    compared_skies,
+    list_compared_skies,
 )
 from skyproof.fusion.fuse import fuse
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -384,7 +384,7 @@ def chosen_of(taken, evidence, predictor):
     """With the signals of the receiver's only set led away."""
     sets = [s for s in taken.sets if s.signals[0].copy == "a"]
     found, state = walk(taken, evidence, sets, predictor)
-    return found, collect_overlapping_fixes(found, state).get("rx1", ()), compared_skies(state)
+    return found, collect_overlapping_fixes(found, state).get("rx1", ()), list_compared_skies(state)
 
 
 def test_of_overlapping_skies_home_is_chosen_and_none_named(led_away):

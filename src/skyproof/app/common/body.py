@@ -300,11 +300,11 @@ def body_states(body: Body, records: Records, carried: Carried) -> tuple[dict[st
 
     The states share the attitude; the position is that of the receiver's own antenna.
     """
-    set_places_ecef_m = [one.position_ecef_m for one in records.sets]
+    set_places_ecef_m = [each_state.position_ecef_m for each_state in records.sets]
     path, carried = _propagate_attitude(
         body, records, carried, [place.ecef_m for place in body.places.values()] or set_places_ecef_m
     )
-    received = (*(o.receiver for o in records.observations), *(one.receiver for one in records.sets))
+    received = (*(o.receiver for o in records.observations), *(each_state.receiver for each_state in records.sets))
     states = {}
     for name in dict.fromkeys((*body.places, *received)):
         state = _state_at_place(body, records, path, carried.begun_ecef_m, body.places.get(name), set_places_ecef_m)

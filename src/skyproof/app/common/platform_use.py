@@ -173,7 +173,7 @@ def _place_antennas(platform: Platform, tables: Mapping[str, PlatformReceiver]) 
         return _Use()
     body_m = np.array([table.antennas_body_m[0] for table in placed])
     sigma_m = max(table.body_sigma_m for table in placed)
-    if (rot := _fixed_rotation(platform)) is not None and platform.attitude is not None:
+    if (rot := _build_fixed_rotation(platform)) is not None and platform.attitude is not None:
         arm_m = max(dist(antenna_m, body_m[0]) for antenna_m in body_m)
         sigma_m = hypot(sigma_m, arm_m * radians(platform.attitude.sigma_deg))
         enu_m = (body_m - body_m[0]) @ (ROT_ENU_NED @ rot).T
@@ -196,7 +196,7 @@ def _antennas(names: Sequence[str], enu_m: Reals, sigma_m: float) -> dict[str, A
     return {"antennas_enu_m": places, "antennas_sigma_m": sigma_m}
 
 
-def _fixed_rotation(platform: Platform) -> Reals | None:
+def _build_fixed_rotation(platform: Platform) -> Reals | None:
     """Return the rotation (3, 3) from body to north, east, down where the attitude is fixed angles."""
     stated = platform.attitude
     if stated is None or stated.heading_deg is None or platform.motion == "moving":

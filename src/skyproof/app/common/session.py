@@ -162,7 +162,7 @@ class _Kept:
             self._same.clear()
 
     def merge_in_order(self) -> Sequence[Finding]:
-        """Return all evidence in the order of the windows that it is of."""
+        """Return all evidence in the order of its windows."""
         return PackedLog(merge(self.all, self._before, key=_get_window)) if self._before else self.all
 
     def _share_equal(self, value: H) -> H:

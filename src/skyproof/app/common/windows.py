@@ -61,7 +61,7 @@ H = TypeVar("H", bound=Hashable)
 NO_TIME = np.datetime64("NaT", "ns")
 STRETCH_EPOCHS = 1024
 RECEIVED = frozenset({Need.OBSERVATIONS, Need.TWO_RECEIVERS, Need.SETS, Need.NAVIGATION, Need.FINDINGS})
-"""What any detector may need that every receiver makes, sooner or later; the rest is of special equipment."""
+"""What any detector may need that every receiver makes, sooner or later; the rest comes from special equipment."""
 
 
 def cut(observations: ObservationLog, start_gpst: np.datetime64, end_gpst: np.datetime64) -> Observations:
@@ -116,8 +116,8 @@ def window_edges(
     may have measured where no epoch came of it.
 
     Where a receiver's time breaks one window ends and another begins: ranges before and after it have nothing in
-    common, and a mean over both is of neither. So it is where all receivers begin, and where the first of them ends:
-    what all measured says nothing of what one of them measured without the others. A single epoch makes no window.
+    common, and a mean over both describes neither. So it is where all begin, and where the first of them ends:
+    the windows of all do not hold what one of them measured without the others. A single epoch makes no window.
 
     ended : whether nothing more comes; if not, edges are those that no further epoch moves.
     """
@@ -347,7 +347,7 @@ def windows_of(
     predictors: Mapping[str, Predictor] | None = None,
     changes: Mapping[str, SnapshotChanges] | None = None,
 ) -> Windows:
-    """Return the windows of a run. Without observations it is an empty one, of which each detector says what it lacks.
+    """Return the windows of a run. Without observations it is empty, and each detector says what it lacks.
 
     predictors : what is expected of receivers. changes : within those whose recording is a snapshot.
     """

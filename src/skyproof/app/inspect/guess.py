@@ -523,7 +523,7 @@ def _choose_if(
 
     A kilohertz or two off is the oscillator's error; an improbable frequency is worth several.
 
-    A kilohertz or two off is the oscillator's error; a frequency that nobody would choose is worth several.
+    A kilohertz or two off is the oscillator's error; a frequency that no engineer would choose is worth several.
     """
     if not found_hz:
         if measured_hz is None or not look.repeats:

@@ -18,7 +18,7 @@ from skyproof.app.protect.predictors import build_predictors, list_surveyed
 from skyproof.app.protect.so_far import WordsSoFar
 from skyproof.app.receive.observed import ObservedFile
 from skyproof.app.receive.reception import Reception
-from skyproof.detectors.prediction.choice import collect_overlapping_fixes, compared_skies
+from skyproof.detectors.prediction.choice import collect_overlapping_fixes, list_compared_skies
 from skyproof.detectors.prediction.inertia import list_navigators
 from skyproof.fusion.fuse import Decision, fuse
 from skyproof.navigation.predictor import Predictor
@@ -40,7 +40,7 @@ def judge(
     """Return evidence, decision and fixes from what the receivers received, and whether a signal left windows out.
 
     body : that carries all antennas. predictors : by receiver, what chooses between skies where nothing else does; from
-        the settings alone if absent. so_far : takes each window as it is decided.
+        the settings alone if absent. so_far : takes each decided window.
     """
     orbits = choose_orbits(receptions, navigation)
     observed = [r.observations for r in _list_received(receptions) if r.observations is not None]
@@ -75,7 +75,7 @@ def judge(
         evidence=evidence,
         sets=sets,
         navigation=orbits,
-        compared=compared_skies(choosing),
+        compared=list_compared_skies(choosing),
     )
     return outcome, interrupted
 

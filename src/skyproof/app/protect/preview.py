@@ -23,7 +23,7 @@ _FIRST_WINDOWS: Final = 1.5
 class Preview:
     """Look at what is tracked once the first window is complete, and then whenever twice as much is.
 
-    All looks together examine no more windows than the run itself does in the end, which begins anew: what comes later
+    All looks together examine no more windows than the run itself does in the end, which begins again: what comes later
     may change what came before, such as the week or a half cycle.
     """
 

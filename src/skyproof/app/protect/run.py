@@ -301,7 +301,7 @@ def verdict_of(
 
     Parameters
     ----------
-    inputs : one per receiver, each by itself or together in a list: raw samples with their sidecar NAME.toml, SigMF, or
+    inputs : one per receiver, separately or together in a list: raw samples with their sidecar NAME.toml, SigMF, or
         a RINEX observation file (2.1x, 3.0x, 4.0x, compact and gzip too). None if the platform file names them.
     nav : RINEX navigation file of that day; without one the orbits come from the signals of recordings (30 s of them).
     out : folder for the verdict, the report, fixes and all other files, made if absent; None writes nothing.
@@ -347,7 +347,7 @@ def _require_two(settings: Settings, names: Sequence[str]) -> None:
 
 
 def _require_orbits(sources: Sequence[Samples | ObservedFile], navigation: NavigationData | None) -> None:
-    """Raise InputError if nothing gives orbits, or a file's orbits are of another day."""
+    """Raise InputError if nothing gives orbits, or a file has the orbits of another day."""
     for source in sources:
         if navigation is not None and source.start_gpst is not None:
             require_same_day(navigation, source.start_gpst, source)
@@ -360,7 +360,7 @@ def _require_orbits(sources: Sequence[Samples | ObservedFile], navigation: Navig
 
 
 def _require_same_time(receptions: Sequence[Reception], navigation: NavigationData | None) -> None:
-    """Raise InputError if two receivers were recorded at different times, or the orbits are of another one."""
+    """Raise InputError if two receivers were recorded at different times, or the orbits belong to another time."""
     received = [(r.source.path, r.observations) for r in receptions if r.observations is not None]
     received = [(path, o) for path, o in received if o.gpst.size]
     for (path, a), (other_path, b) in combinations(received, 2):

@@ -37,7 +37,7 @@ class WordsSoFar:
     def take(self, step: DecidedWindow) -> None:
         """Note a window's findings and decision, and report the run's word where it changed.
 
-        A window that ends no later than one before is left out: it was looked at while the run went on.
+        A window that ends no later than one before is left out: it was taken while the run was tracking.
         """
         end = step.records.end_gpst
         if self._until is not None and end <= self._until:

@@ -170,7 +170,7 @@ def _offset(name: str, kind: Kind, known: NavEstimate, expected: NavEstimate) ->
 
 
 def list_origins(outcome: Outcome, zero: np.datetime64) -> list[FixOrigins]:
-    """List the origins of usable positions, where there is an attack or they are of several kinds."""
+    """List the origins of usable positions, where there is an attack or there are several kinds."""
     found = [found_origins for r in outcome.receivers if (found_origins := _origins(r, zero)) is not None]
     attacked = outcome.decision.verdict == "spoofed"
     return [found_origins for found_origins in found if attacked or len({s.origin for s in found_origins.usable}) > 1][

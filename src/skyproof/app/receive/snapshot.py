@@ -125,7 +125,7 @@ def solve_position(
 
     One phase a satellite.
 
-    remarks : gets what was left out.
+    remarks : gets what is omitted.
     """
 
     def solve(some: Sequence[CodePhase]) -> CoarseFix:

@@ -54,7 +54,7 @@ def verify(folder: str | Path, *, inputs_in: str | Path | None = None, progress:
     """Test whether the outputs and inputs of a `protect` run are byte for byte unchanged.
 
     Sums show damage and mistakes. Whoever changes a file can change its sum as well: keep a copy of `checksums.sha256`
-    where nobody else writes, or sign it.
+    where no one else writes, or sign it.
 
     Parameters
     ----------

@@ -5,12 +5,12 @@ says (`navigation.predictor`), by `navigation.prediction.choose`. It rests on an
 that the signals were true until a certain time.
 
 - Where an inertial unit carries the antenna: in every window that its navigator was corrected by (`inertia`), as long
-  as no test fails and each goes on as inertia expects.
+  as no test fails and each follows the inertial prediction.
 - Else, where the second sky was seen from its first moment on, farther from the first than a search can hide: until
   then, if no two transmitters act in concert, one that leads the receiver away unseen and one that is seen from afar.
-  Every window before has to go on from those before it as the predictor expects, and a place that stays is learned of
+  Every window before has to follow those before it as predicted, and a place that stays is learned of
   in the first ones only.
-- Where it may have been hidden in the first one for any time, or still is, or a window does not go on so: for the first
+- Where it may have been hidden in the first one for any time, or still is, or a window does not follow: for the first
   `clean_start_s` seconds of the run only. What was received in between may have been led away by a false sky already,
   and no prediction learns of it.
 - Where it was there from the first moment, or an alarm was: not at all; then nothing but a surveyed place chooses.
@@ -69,7 +69,7 @@ from skyproof.records import (
     list_refs,
 )
 
-__all__ = ["Compared", "Prediction", "PredictionSettings", "collect_overlapping_fixes", "compared_skies"]
+__all__ = ["Compared", "Prediction", "PredictionSettings", "collect_overlapping_fixes", "list_compared_skies"]
 
 _Data = Mapping[str, Datum]
 _IN_SIGMAS: Final = float(special.ndtri(0.5 + 0.5 * NOTICED))  # a bound that holds with that probability
@@ -121,7 +121,7 @@ class Prediction:
         self.settings = settings or PredictionSettings()
 
     def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
-        """Return what prediction says of each receiver that is attacked, and of which nothing else names true signals
+        """Return what prediction says of each receiver that is attacked, where nothing else names true signals
         or false ones."""
         if lacking := Reporter(self, records, Hypothesis.FALSE_SKY).name_missing():
             return lacking, state
@@ -152,8 +152,8 @@ class Prediction:
     def review(self, evidence: Sequence[Finding]) -> Iterable[Finding]:
         """Return all findings with each signal on the side only where it was found most.
 
-        While skies are near, a false signal may fit the true one. What a channel followed before the choice is of no
-        account.
+        While skies are near, a false signal may fit the true one. What a channel followed before the choice does not
+        count.
         """
         count: Counter[SignalRef] = Counter()
         for e in evidence:
@@ -172,7 +172,7 @@ def _keep_at_home(evidence: Iterable[Finding], count: Mapping[SignalRef, int]) -
             yield replace(e, signals=at_home)
 
 
-def compared_skies(state: Any) -> tuple[Compared, ...]:
+def list_compared_skies(state: Any) -> tuple[Compared, ...]:
     """Return the skies of each receiver that had two, beside what was expected. state : of `Prediction`, at the end."""
     watches: dict[str, _Watch] = state or {}
     return tuple(watch.compared for watch in watches.values() if watch.compared is not None)
@@ -214,10 +214,10 @@ class _Watch:
 
     clean_until : the end of the clean start. clean : its windows, as long as they are taken for true. learned : what
     was expected after windows that were taken for true, the latest first. learning : whether more may teach it.
-    broken : the end of a window that did not go on. alone : signals of windows with one sky. pairs : of signals of one
-    transmission, that were looked at. hidden : signals that began near another one. attacked : there was evidence of an
-    attack. named : others name signals of it as true or false. chosen, refused : the signals of the skies called true
-    and false last. walking : what is expected, once something was compared.
+    broken : the end of a window that broke the prediction. alone : signals of windows with one sky. pairs : signals of
+    one transmission that were compared. hidden : signals that began near another one. attacked : a test showed an
+    attack. named : other tests name its signals as true or false. chosen, refused : the signals of the skies called
+    true and false last. walking : what is expected, once skies were compared.
     """
 
     clean_until: np.datetime64
@@ -275,7 +275,7 @@ class _Here:
         return self.maker.log
 
     def learn(self, watch: _Watch) -> _Watch:
-        """Return the watch after a window that is taken for true; one that does not go on ends that."""
+        """Return the watch after a window that is taken for true; one that breaks the prediction ends that."""
         window, (only, *_) = self.window, self.window.sets
         in_clean_start = window.end <= watch.clean_until
         if self.navigator is not None:
@@ -314,7 +314,7 @@ class _Here:
         return [*found, *findings], watch
 
     def _report_clean_start(self, watch: _Watch) -> list[Finding]:
-        """Return that the windows of the clean start are authentic by what is assumed, unless one does not go on."""
+        """Return that the windows of the clean start are authentic as assumed, unless one breaks the prediction."""
         clean = watch.clean
         if self.navigator is not None:
             clean = tuple(window for window in clean if window.start in self.navigator.early)
@@ -469,7 +469,7 @@ class _Here:
         return choice, replace(watch, compared=compared)
 
     def _is_half_expected(self, skies: Sequence[NavEstimate], choice: Choice) -> bool:
-        """Tell whether what is expected cannot choose: skies have parted in what it says nothing of, and one may be
+        """Tell whether what is expected cannot choose: skies have parted in what is not predicted, and one may be
         chance.
 
         Then both may be false: one that is true in what is expected, and some true and false signals that fit together.
@@ -485,7 +485,7 @@ class _Here:
         return self.maker.shown(self.window, s, kind=kind, bias_s=now.bias_s, epochs=now.predictor.moves)
 
     def _fix_at_once(self, s: ConsistentSet, now: _Expectation) -> SkyFix:
-        """Return what a set shows that is of one instant."""
+        """Return what a set of one instant shows."""
         kind = now.kind or find_reference_kind(s)
         fix = self.maker.shown(self.window, s, kind=kind, bias_s=now.bias_s, epochs=False)
         return replace(fix, each=(fix.whole,))

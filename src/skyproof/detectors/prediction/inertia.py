@@ -1,22 +1,22 @@
-"""Does what a receiver shows leave what its inertial unit lets expect?
+"""Test whether a fix departs from the inertial prediction.
 
-The navigator is corrected by the fixes of every window that goes on as it expects and in which no other test fails, and
+Fixes of every window that follows its prediction and in which no other test fails correct the navigator, and
 at the end of each the next fix, position and velocity, is held against it: the squared distance over both covariances
 is chi-square if the signals are true and the unit errs no more than is stated of it (`navigation.inertial_predictor`).
-From the first window on that does not go on, or in which any receiver is attacked, the unit runs free. Clocks are not
+From the first window on that departs, or in which any receiver is attacked, the unit runs free. Clocks are not
 compared here, and correct the navigator for the first `clean_start_s` only: inertia does not see one that is pushed.
 
 A drag that is slower than what one window notices draws the navigator along. So some navigators run free beside it,
 from before the last windows on: each fix is held against all of them, and as old ones notice slow drags better, up to
 an age at which their drift outweighs it, those are kept that notice slower ones than all younger do. Once the signals
-part, the unit goes back to the youngest navigator that all older ones let expect, one window earlier at least, and that
+part, the unit goes back to the youngest navigator that all older ones predict, one window earlier at least, and that
 dates the parting. The slowest drag that any of them notices stands in each finding: what is slower may have led the
 navigator away all the time (`CorrectedNavigator`).
 
 What leaves it may be false signals, reflections or the unit. It is an attack only where the rest shows it too without
 any two of the satellites, for reflections are some satellites', and the unit is not to blame. Whatever a unit errs by
 stands in position and velocity alike: positions part by what velocities part by, added up over time. Codes that are
-drawn off alone break that, for velocities go on. Else the unit is not to blame only where
+dragged alone break that, for velocities stay. Else the unit is not to blame only where
 
 - it has gone on with the signals before, through changes of velocity at least half as large as those that it
   shows while they part: a log with wrong axes, units, times or gains errs where it is moved;
@@ -94,7 +94,7 @@ class Inertia:
         self.settings = settings or InertiaSettings()
 
     def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
-        """Return a finding for each receiver in a window of which its navigator lets expect something."""
+        """Return a finding for each receiver in a window that its navigator predicts."""
         report = Reporter(self, records, Hypothesis.PREDICTED)
         if lacking := report.name_missing():
             return lacking, state
@@ -146,7 +146,7 @@ class _Free:
 
 @dataclass(frozen=True, eq=False)
 class _Shown:
-    """What a window's set shows, its last fix, and what navigators let expect then, the youngest first.
+    """What a window's set shows, its last fix, and what navigators predict then, the youngest first.
 
     carried : those navigators, then. p_value : of so large a distance from any of them.
     """
@@ -361,7 +361,7 @@ class _Walk:
     def _start_free_run(self, window: SkyCandidates, shown: _Shown) -> None:
         """Let the unit run free from now on: from the latest window until which the signals may have been true.
 
-        That is where the youngest navigator was corrected last that all older ones let expect: a drag that began before
+        That is where the youngest navigator was corrected last that all older ones predict: a drag that began before
         would have drawn it away from those that it has not touched.
         """
         if self.parted is not None:
@@ -420,7 +420,7 @@ class _Walk:
         )
 
     def _report_pass(self, shown: _Shown) -> Finding:
-        """Return that a window goes on, and what drag would have been noticed in it."""
+        """Return that a window follows the prediction, and what drag would have been noticed in it."""
         off = shown.last.mean - shown.expected[0].mean
         jump_m, drag_m_s = self._find_least(shown)
         return self.report.find(
@@ -441,7 +441,7 @@ class _Walk:
         """Return the smallest level jump and the slowest level drag that one of the navigators would have noticed.
 
         A drag that began when the navigator was corrected last has moved the position by its speed times the time
-        since. Where carriers stay least of it shows: they leave the velocity as it is.
+        since. Where carriers stay least of it shows: they leave the velocity unchanged.
         """
         free = self.predictor if number == 0 else self.free[number - 1].predictor
         assert free.state is not None
@@ -509,7 +509,7 @@ def _predict_fix(predictor: Inertial, gpst: np.datetime64) -> NavEstimate | None
 
 
 def _keep_useful(free: Sequence[_Free], gpst: np.datetime64) -> list[_Free]:
-    """Return the navigators of which each notices slower drags than the younger ones, two of any age to twice that."""
+    """Return the navigators that each notice slower drags than the younger ones, two of any age to twice that."""
     kept = list[_Free]()
     for navigator in free:
         if not kept or navigator.notices_m_s < kept[-1].notices_m_s:

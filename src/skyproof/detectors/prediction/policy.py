@@ -27,7 +27,7 @@ class PredictionPolicy:
     datum_sigma_m: float = number(
         2.0, "m", "On each axis: NAD 83 lies 1 to 2 m from WGS 84, which surveys take for equal.", "EPSG:1188"
     )
-    tried_windows: int = number(2, "1", "That the unit went on with the signals in one window may be chance.")
+    tried_windows: int = number(2, "1", "One window in which unit and signals agree may be chance.")
     tried_ratio: float = number(
         2.0,
         "1",
