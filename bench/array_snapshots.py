@@ -118,7 +118,7 @@ def clean(draws: int, antennas: int, *, orbits: bool, alpha: float = 0.01) -> It
             continue
         findings = [e for e in ins.examine(records)[0] if not stands_beside(e)]
         count.update(f"ins_array {word}" for word in {e.says for e in findings})
-        view = ins.seen(
+        view = ins.view_from(
             records.array_phases[0], records.nav_state[records.array_phases[0].receiver], sky.scene.navigation
         )
         p_values.append(view.agreed.p_value)

@@ -103,8 +103,8 @@ import sys
 from pathlib import Path
 from skyproof.batch import Processes, Store, run
 from tests.batch.fake_work import Fake, fake_work, item
-from skyproof.interruption import ENDING, listening
-with Store(Path(sys.argv[1])) as store, Processes(2) as processes, listening(*ENDING):
+from skyproof.interruption import ENDING, listen
+with Store(Path(sys.argv[1])) as store, Processes(2) as processes, listen(*ENDING):
     print("begun", flush=True)
     errors, left = run([item(Fake(n, sleep_s=0.05)) for n in range(int(sys.argv[2]))], fake_work, store, processes,
                        say=lambda text: print(text, flush=True))

@@ -95,7 +95,7 @@ def test_a_clean_scene_says_that_nobody_else_transmits() -> None:
     page = page_of(
         scenes.make_clean(ScenePlace(lat_deg=57.7, lon_deg=11.9, height_m=50.0), np.datetime64("2024-05-14T10:00:00"))
     )
-    assert "Nobody transmits" in page
+    assert "Only the satellites transmit" in page
     assert "False codes" not in page
 
 
