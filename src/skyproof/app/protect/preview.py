@@ -23,8 +23,8 @@ _FIRST_WINDOWS: Final = 1.5
 class Preview:
     """Look at what is tracked once the first window is complete, and then whenever twice as much is.
 
-    All looks together examine no more windows than the run itself does in the end, which begins again: what comes later
-    may change what came before, such as the week or a half cycle.
+    Behind half of the recording the run's own end is near, and there are no more looks. All together examine no more
+    windows than the run does in the end, which begins again: what comes later may change the week or a half cycle.
     """
 
     def __init__(
@@ -42,10 +42,12 @@ class Preview:
 
     def look(self, trackers: Sequence[Tracker]) -> None:
         """Examine the windows so far, if it is time; what is not to be judged yet is left for later."""
-        running_s = [tracker.examined_s for tracker in trackers if not (tracker.ended or tracker.broken)]
-        if not running_s or min(running_s) < self._next_s:
+        running = [tracker for tracker in trackers if not (tracker.ended or tracker.broken)]
+        tracked_s = min((tracker.examined_s for tracker in running), default=0.0)
+        open_s = max((tracker.samples.duration_s - tracker.examined_s for tracker in running), default=0.0)
+        if not self._next_s <= tracked_s <= open_s:
             return
-        self._next_s = 2.0 * min(running_s)
+        self._next_s = 2.0 * tracked_s
         with suppress(Exception):  # no run is lost for a look ahead: what is wrong will be raised at the end
             self._examine(trackers)
 
