@@ -147,6 +147,6 @@ def test_a_function_of_no_file_is_compiled():
 
 
 def test_every_kernel_that_is_kept_is_kept_so():
-    """Numba's own caching would refuse all work in a package that may not be written."""
+    # Numba's own caching would refuse all work in a package that may not be written.
     sources = Path(skyproof.__file__).parent.rglob("*.py")
     assert [path.name for path in sources if "cache=True" in path.read_text(encoding="utf-8")] == []

@@ -15,7 +15,7 @@ LEAST_DRAWN = 300
 
 
 def test_every_detector_of_this_tree_is_installed() -> None:
-    """Entry points come from the environment, which may be older than the tree: `make setup` mends it."""
+    # Entry points come from the environment, which may be older than the tree: `make setup` mends it.
     assert not_installed() == []
 
 

@@ -161,7 +161,7 @@ def test_every_command_line_parses(line: str) -> None:
 def test_every_command_line_of_the_first_pages_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Those of a newcomer, in order, in an empty folder; what both pages tell is done once."""
+    # Those of a newcomer, in order, in an empty folder; what both pages tell is done once.
     monkeypatch.chdir(tmp_path)
     for line in dict.fromkeys([*shell_lines(ROOT / "README.md"), *shell_lines(DOCS / "start.md")]):
         if not line.startswith("--"):  # what changes the shell of who runs this
@@ -206,7 +206,7 @@ def test_every_mark_of_a_page_names_what_there_is(tables: ModuleType) -> None:
 
 
 def test_every_page_holds_what_the_code_says_now(fill: ModuleType) -> None:
-    """So that it can be read where nothing is built: `make fill` writes it."""
+    # So that it can be read where nothing is built: `make fill` writes it.
     assert len(fill.pages()) > 10
     texts = {page.name: text_of(page) for page in fill.pages()}
     assert [name for name, text in texts.items() if fill.marks.filled(text, fill.unbuilt) != text] == []
@@ -297,7 +297,7 @@ def test_the_words_of_the_glossary_are_in_order_and_used() -> None:
     ids=lambda page: page.name,
 )
 def test_the_python_of_every_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a verdict and observations that are at hand, in place of an hour of recordings."""
+    # With a verdict and observations that are at hand, in place of an hour of recordings.
     verdict = read_verdict(ROOT / "tests" / "formats" / "verdict-sample.json")
     observations = MeasuredScene().records(np.random.default_rng(1)).observations[0]
     monkeypatch.setattr(skyproof, "protect", lambda *_, **__: verdict)
@@ -321,7 +321,7 @@ def test_the_python_page_uses_every_name_that_is_promised() -> None:
 
 
 def test_the_manuals_detector_meets_the_contract(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The page's files as they stand there; what an installer would write about the package is written by hand."""
+    # The page's files as they stand there; what an installer would write about the package is written by hand.
     page = text_of(DOCS / "extend" / "detector.md")
     files = dict(re.findall(r'^```\w+ title="(.*?)"\n(.*?)^```', page, re.MULTILINE | re.DOTALL))
     assert sorted(files) == ["pyproject.toml", "restless.py", "test_restless.py"]
@@ -351,7 +351,7 @@ def test_the_manuals_detector_meets_the_contract(tmp_path: Path, monkeypatch: py
 
 @pytest.mark.long
 def test_the_manual_builds_offline_without_a_warning(tmp_path: Path) -> None:
-    """Figures left out: those are commands of their own, which other tests run."""
+    # Figures left out: those are commands of their own, which other tests run.
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
     env = os.environ | {"SKYPROOF_FIGURES": "no", "NO_MKDOCS_2_WARNING": "1"}
     done = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, check=False)

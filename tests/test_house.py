@@ -118,7 +118,7 @@ def literals_of_a_signal(tree):
 
 
 def test_only_plans_know_the_numbers_of_a_signal():
-    """A detector, decoder or decision that needs a chip, a carrier or a bit asks `SignalPlan`; the simulator sends."""
+    # A detector, decoder or decision that needs a chip, a carrier or a bit asks `SignalPlan`; the simulator sends.
     found = {
         (str(path.relative_to(PACKAGE)), number)
         for path in PACKAGE.rglob("*.py")

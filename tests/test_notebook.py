@@ -29,7 +29,7 @@ def runs() -> ModuleType:
 
 
 def test_the_tutorial_shows_what_its_cells_give() -> None:
-    """Where a notebook is read without running it; `make fill` executes it."""
+    # Where a notebook is read without running it; `make fill` executes it.
     code = [cell for cell in cells() if cell["cell_type"] == "code"]
     assert [cell["execution_count"] for cell in code] == list(range(1, len(code) + 1))
     shows = [cell for cell in code if re.search(r"^ *print\(|^\w+(\(.*\))?\Z", "".join(cell["source"]), re.MULTILINE)]
@@ -42,7 +42,7 @@ def test_the_tutorial_shows_what_its_cells_give() -> None:
 def test_the_tutorial_runs_and_writes_the_listed_columns(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runs: ModuleType
 ) -> None:
-    """Its cells in one namespace, as a notebook runs them."""
+    # Its cells in one namespace, as a notebook runs them.
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {"__name__": "__main__"}
     for count, cell in enumerate((cell for cell in cells() if cell["cell_type"] == "code"), 1):

@@ -20,7 +20,7 @@ OBSERVATIONS = WINDOW.observations[0]
 
 
 def test_every_record_that_holds_arrays_is_shown_short():
-    """By its type: a new record that forgets it is seen here, before a notebook prints hundreds of lines."""
+    # By its type: a new record that forgets it is seen here, before a notebook prints hundreds of lines.
     classes = [
         item
         for _, item in inspect.getmembers(records, dataclasses.is_dataclass)

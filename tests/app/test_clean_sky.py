@@ -86,7 +86,7 @@ def protect_in_memory(scenario, baseline_m=None):
 
 @pytest.mark.long
 def test_two_hundred_clean_sample_windows_have_no_false_label():
-    """34 scenes of 60 s at sample level, 45 down to 36 dB-Hz at the horizon: about 20 minutes."""
+    # 34 scenes of 60 s at sample level, 45 down to 36 dB-Hz at the horizon: about 20 minutes.
     rng = np.random.default_rng(13)
     windows = false = authentic = 0
     for number in range(34):
@@ -121,7 +121,7 @@ FRONT_ENDS = {
 @pytest.mark.long
 @pytest.mark.parametrize("kind", [*FRONT_ENDS, "reflections"])
 def test_grids_of_clean_samples_raise_no_alarm(kind):
-    """Four scenes of 24 s of each: `dccaf` looks at them all, and none is near an alarm."""
+    # Four scenes of 24 s of each: `dccaf` looks at them all, and none is near an alarm.
     rng = np.random.default_rng(14)
     p_values = []
     for number in range(4):

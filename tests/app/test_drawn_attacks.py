@@ -63,7 +63,7 @@ def test_no_drawn_attack_moves_a_trusted_fix():
 
 
 def test_beside_possible_echoes_no_second_sky_is_shown_true():
-    """Five satellites of a weak sky 12 m off, received by both receivers of which nothing is stated."""
+    # Five satellites of a weak sky 12 m off, received by both receivers of which nothing is stated.
     made = build_scene(draw_scene("attack-318", most_receivers=2))
     heard = drawn.heard_of(made)
     outcome, _ = judge([h.reception for h in heard], made.navigation, Settings(), Silent())

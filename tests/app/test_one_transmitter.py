@@ -34,7 +34,7 @@ def off_bounds(judged):
 
 @pytest.mark.parametrize("known", ["nothing", "distance", "places"])
 def test_one_captured_receiver_of_two_is_never_trusted(tmp_path, known):
-    """A spoofer 1 m from stern, 20 dB above its true signals with noise that drowns them; bow hears the true sky."""
+    # A spoofer 1 m from stern, 20 dB above its true signals with noise that drowns them; bow hears the true sky.
     captured = Spoofer(
         shows=SHOWS, transmit=BESIDE_STERN, clock_offset_s=3e-6, onset_s=-10.0, power_db=-15.6, noise_db=-23.6
     )
@@ -46,7 +46,7 @@ def test_one_captured_receiver_of_two_is_never_trusted(tmp_path, known):
 
 @pytest.mark.parametrize("known", ["nothing", "distance", "places"])
 def test_a_takeover_at_one_receiver_leaves_no_false_trusted_fix(tmp_path, known):
-    """Aligned with bow's signals, misaligned at stern by what the antennas are apart; drawn off 1.2 km from 24 s on."""
+    # Aligned with bow's signals, misaligned at stern by what the antennas are apart; drawn off 1.2 km from 24 s on.
     takeover = Takeover(
         target="bow",
         transmit=ScenePlace(lat_deg=57.70183, lon_deg=11.9311, height_m=56.0),
@@ -64,7 +64,7 @@ def test_a_takeover_at_one_receiver_leaves_no_false_trusted_fix(tmp_path, known)
 
 
 def test_a_few_second_signals_from_two_antennas_are_counted(tmp_path):
-    """Two of ten, up to 8 dB stronger, in both receivers."""
+    # Two of ten, up to 8 dB stronger, in both receivers.
     few = Spoofer(
         shows=SHOWS,
         transmit=ScenePlace(lat_deg=57.7012, lon_deg=11.9371, height_m=58.0),

@@ -94,7 +94,7 @@ def test_three_receivers_under_a_meaconer(meaconer, tmp_path):
 
 @pytest.mark.parametrize("power_db", [0.0, 10.0])
 def test_an_attack_that_was_on_at_the_start(meaconer, tmp_path, power_db):
-    """The strongest signal is found first, so here the false one has the first letter."""
+    # The strongest signal is found first, so here the false one has the first letter.
     scenario = kit.scenario_of(duration_s=24.0, attacks=(meaconer(onset_s=-10.0, power_db=power_db),))
     assert_spoofed(kit.protected(scenario, tmp_path), onset_s=None)
 
@@ -104,25 +104,24 @@ def test_a_stronger_meaconer(meaconer, tmp_path):
 
 
 def test_a_weaker_meaconer(meaconer, tmp_path):
-    """Not all of its signals are found."""
+    # Not all of its signals are found.
     assert_spoofed(kit.protected(kit.scenario_of(attacks=(meaconer(power_db=-6.0),)), tmp_path), spoofed=6)
 
 
 def test_weak_signals(meaconer, tmp_path):
-    """Between 35 and 42 dB-Hz not all of them are found, nor all messages read."""
+    # Between 35 and 42 dB-Hz not all of them are found, nor all messages read.
     sky = Sky(zenith_cn0_dbhz=42.0, horizon_cn0_dbhz=35.0)
     scenario = kit.scenario_of(attacks=(meaconer(),)).model_copy(update={"sky": sky})
     assert_spoofed(kit.protected(scenario, tmp_path), authentic=6, spoofed=6)
 
 
 def test_true_signals_20_db_under_the_false_ones_are_told_apart(meaconer, tmp_path):
-    """They are found and followed at 25 to 34 dB-Hz, and measured without the false ones' sidelobes, 30 m of range."""
+    # They are found and followed at 25 to 34 dB-Hz, and measured without the false ones' sidelobes, 30 m of range.
     assert_spoofed(kit.protected(kit.scenario_of(attacks=(meaconer(power_db=20.0),)), tmp_path))
 
 
 def test_a_meaconer_that_drowns_the_true_signals(meaconer, tmp_path):
-    """One sky is left, the false one: only who knows how far apart the antennas are can tell, and trust what was
-    before."""
+    # One sky is left, the false one: only who knows how far apart the antennas are can tell, and trust what was before.
     scenario = kit.scenario_of(attacks=(meaconer(power_db=35.0),))
     assert_not_authentic(kit.protected(scenario, tmp_path / "unknown"))
     judged = kit.protected(scenario, tmp_path / "known", antenna_distance_m=kit.DISTANCE_M)
@@ -160,7 +159,7 @@ def test_other_front_ends(meaconer, tmp_path, front_end):
 
 @pytest.mark.parametrize("nav", [True, False])
 def test_the_week_turns_over(meaconer, tmp_path, nav):
-    """The message was read in the old week, of orbits that hold for the new one."""
+    # The message was read in the old week, of orbits that hold for the new one.
     start = np.datetime64("2024-05-18T23:59:28", "ns")
     scenario = kit.scenario_of(duration_s=38.0, start_gpst=start, attacks=(meaconer(),))
     assert_spoofed(kit.protected(scenario, tmp_path, with_nav=nav))
@@ -177,21 +176,21 @@ def test_a_self_consistent_spoofer_is_named(spoofer, tmp_path, clock_offset_s):
 
 @pytest.mark.parametrize("clock_offset_s", [-0.3, 0.2])
 def test_a_spoofer_far_off_in_time_is_named(spoofer, tmp_path, clock_offset_s):
-    """Without a clock of GPS time: its message states another time of week than the sky's."""
+    # Without a clock of GPS time: its message states another time of week than the sky's.
     judged = kit.protected(kit.scenario_of(attacks=(spoofer(clock_offset_s=clock_offset_s),)), tmp_path)
     assert_spoofed(judged)
     assert judged.verdict.sources[0].time_offset_s == pytest.approx(clock_offset_s, abs=1e-6)
 
 
 def test_false_signals_on_top_of_some_true_ones(spoofer, tmp_path):
-    """Three of ten copies come within a chip of the true signal: those satellites cannot be parted."""
+    # Three of ten copies come within a chip of the true signal: those satellites cannot be parted.
     judged = kit.protected(kit.scenario_of(attacks=(spoofer(clock_offset_s=8e-6),)), tmp_path)
     assert_spoofed(judged, authentic=7, spoofed=6)
 
 
 @pytest.mark.parametrize("power_db", [0.0, 15.0], ids=["mixed", "captured"])
 def test_signals_dragged_off_their_delays_are_not_authentic(spoofer, tmp_path, power_db):
-    """All copies come within a chip of the true signals: no second signal shows, and no channel slips."""
+    # All copies come within a chip of the true signals: no second signal shows, and no channel slips.
     scenario = kit.scenario_of(attacks=(spoofer(shows=NEARBY, power_db=power_db),))
     judged = kit.protected(scenario, tmp_path, antenna_distance_m=kit.DISTANCE_M)
     assert_not_authentic(judged)

@@ -274,7 +274,7 @@ def test_a_false_constellation_is_named_by_a_known_distance():
 
 
 def test_a_false_constellation_is_not_trusted_without_a_distance():
-    """Whether it is G that is true, or E and C are, two receivers alone cannot say."""
+    # Whether it is G that is true, or E and C are, two receivers alone cannot say.
     false = (("G", "L1", "CA"),)
     for distance_m in (10.0, 200.0):  # the receivers' places are within a receiver's noise of each other, or are not
         _, decision = attacked(THREE_SYSTEMS, false, attack=spoofer(0.0, 0.0), distance_m=distance_m)

@@ -133,7 +133,7 @@ def test_the_list_says_of_a_command_what_its_function_says(command: str) -> None
 
 @pytest.mark.parametrize("command", [["--help"], ["--version"], *([name, "--help"] for name in COMMANDS)])
 def test_help_loads_nothing_that_computes(command: list[str]) -> None:
-    """Each of these takes a quarter of a second and more."""
+    # Each of these takes a quarter of a second and more.
     program = f"import sys; from skyproof.cli import main; assert main({command}) == 0; print('|', *sys.modules)"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     loaded = set(run.stdout.rpartition("|")[2].split())
@@ -159,7 +159,7 @@ def test_the_quick_examples_run(line: str, tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_every_example_of_the_help_runs(tmp_path: Path) -> None:
-    """In one folder, the demonstration first: others work on its recordings. Each into a folder that is free."""
+    # In one folder, the demonstration first: others work on its recordings. Each into a folder that is free.
     lines = dict.fromkeys(line for command in ((), *((name,) for name in COMMANDS)) for line in examples(*command))
     lines.pop("skyproof demo --out demo")
     run_here("skyproof demo --out demo", tmp_path)

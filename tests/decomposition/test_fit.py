@@ -73,7 +73,7 @@ def test_the_phase_factor_is_the_integrals_not_the_printed_one():
 
 
 def test_filtered_taps_have_the_models_signal_and_noise():
-    """Independent of the model: random chips, an ideal low-pass, white noise, replicas shifted sample by sample."""
+    # Independent of the model: random chips, an ideal low-pass, white noise, replicas shifted sample by sample.
     rng = np.random.default_rng(3)
     over, rate_hz, chips, trials = 20, 5.115e6, 512, 800
     n, every = chips * over, 4  # 20.46 MHz, down to 5.115
@@ -266,7 +266,7 @@ def test_the_swarm_costs_what_numpy_says():
 
 
 def test_a_wider_band_of_shorter_chips_is_the_same_shape():
-    """The signal's plan gives the chip: ten times the chip rate in ten times the band looks alike, in chips."""
+    # The signal's plan gives the chip: ten times the chip rate in ten times the band looks alike, in chips.
     fast = replace(GPS_L1_CA, chip_rate_hz=10.0 * GPS_L1_CA.chip_rate_hz)
     lag = np.linspace(-1.5, 1.5, 31)
     np.testing.assert_allclose(correlation(lag, 50e6, fast), correlation(lag, 5e6, GPS_L1_CA), atol=1e-12)

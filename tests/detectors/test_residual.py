@@ -40,7 +40,7 @@ def test_a_clean_sky_fits_one_position():
 
 @pytest.mark.parametrize("metres", [-60.0, 900.0, -1.7e6])
 def test_a_single_fault_is_named_and_nothing_else(metres):
-    """What comes early, or later than any street makes it, is no reflection."""
+    # What comes early, or later than any street makes it, is no reflection.
     records = scene().records(np.random.default_rng(0))
     (finding,) = Residual().examine(shift_ranges(records, 4, metres))[0]
     assert (finding.says, finding.code) == ("undecided", "single_misfit")
@@ -98,7 +98,7 @@ def test_too_few_satellites_above_the_mask_are_the_reason():
 
 
 def test_no_satellite_above_the_mask_means_no_test():
-    """Such a window ended the run."""
+    # Such a window ended the run.
     records = scene().records(np.random.default_rng(1))
     (finding,), _ = Residual(ResidualSettings(elevation_mask_deg=89.9)).examine(records)
     assert finding.says == "undecided"
@@ -120,7 +120,7 @@ def test_satellites_farther_off_than_any_echo_have_wrong_orbits(columns):
 
 
 def test_no_single_signal_is_blamed_beside_second_ones():
-    """A channel that has been led away beside a second sky is no fault of its satellite."""
+    # A channel that has been led away beside a second sky is no fault of its satellite.
     records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
     (evidence,) = Residual().examine(replace(shift_ranges(records, 4, 60.0), sets=records.sets[:1]))[0]
     assert (evidence.says, evidence.code) == ("undecided", "misfit_with_second_signals")
@@ -160,7 +160,7 @@ def test_a_small_second_set_proves_nothing():
 
 
 def test_sets_that_may_be_chance_do_not_hide_a_misfit():
-    """Half of the satellites show another place, one signal each: too few for a second sky."""
+    # Half of the satellites show another place, one signal each: too few for a second sky.
     records = scene().records(np.random.default_rng(0))
     (o,), (sky,) = records.observations, records.sets
     _, geometry = fix_and_geometry(o, records.navigation)
@@ -194,7 +194,7 @@ def test_the_chance_counts_sets_of_second_signals_only():
 
 @pytest.mark.parametrize(("of", "least", "most"), [(5, 1e-2, 1.0), (10, 0.0, 1e-7)])
 def test_few_satellites_of_another_kind_fit_elsewhere_by_chance(of, least, most):
-    """As where their orbits or clocks are wrong by some hundred metres, each by its own: no second sky."""
+    # As where their orbits or clocks are wrong by some hundred metres, each by its own: no second sky.
     o, sky, galileo = beside_galileo("E1")
     other = elsewhere(sky, galileo["E1"][:of], 400.0)
     assert least <= second_sky_p_value(o, (sky, other), unrelated_spread_m=300.0) <= most
@@ -224,7 +224,7 @@ def elsewhere(sky, signals, off_m):
 
 
 def test_bands_of_the_same_satellites_form_no_more_sets():
-    """Signals of a satellite take one way: three bands of eight satellites are eight paths and no 6561 sets."""
+    # Signals of a satellite take one way: three bands of eight satellites are eight paths and no 6561 sets.
     bands = ("E1", "E5a", "E5b")
     o, sky, galileo = beside_galileo(*bands)
     alone, every = (
@@ -247,7 +247,7 @@ def test_what_is_kilometres_off_had_kilometres_to_be_in():
 
 
 def test_a_signal_of_the_other_skys_kind_hides_no_sky():
-    """A false band beside which one signal of the true band fits by chance."""
+    # A false band beside which one signal of the true band fits by chance.
     o, sky, galileo = beside_galileo("E1")
     pure = elsewhere(sky, galileo["E1"][:9], 400.0)
     mixed = replace(pure, signals=(*pure.signals, sky.signals[-1]))
@@ -332,7 +332,7 @@ def test_no_cause_is_rejected_more_often_than_stated(cause):
 
 
 def test_a_mixture_of_skies_far_apart_is_none_of_the_causes():
-    """Five of ten satellites show a place 4 km away: the orbits alone remain."""
+    # Five of ten satellites show a place 4 km away: the orbits alone remain.
     records = scene().records(np.random.default_rng(0))
     (o,) = records.observations
     _, geometry = fix_and_geometry(o, records.navigation)

@@ -43,7 +43,7 @@ def words_of(words):
 
 
 def test_the_table_of_all_sentences_can_be_read(capsys):
-    """`make messages` shows it: detector, code, sentence, remedy."""
+    # `make messages` shows it: detector, code, sentence, remedy.
     for detector, code, entry in ENTRIES:
         print(f"{detector:16}{code:28}{words_of(entry.sentence)}")
         if entry.remedy:
@@ -57,7 +57,7 @@ def test_the_table_of_all_sentences_can_be_read(capsys):
 
 @pytest.mark.parametrize(("detector", "code", "entry"), ENTRIES, ids=[f"{d} {c}" for d, c, _ in ENTRIES])
 def test_sentences_stand_within_others(detector, code, entry):
-    """They begin small but for names and end without a full stop; a template's fields have names."""
+    # They begin small but for names and end without a full stop; a template's fields have names.
     assert code.isidentifier()
     for words in (entry.sentence, entry.remedy):
         if isinstance(words, str):

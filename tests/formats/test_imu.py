@@ -116,7 +116,7 @@ def test_scattered_labels_are_kept_with_a_mean_interval(tmp_path):
 @settings(max_examples=20)
 @given(polled_s=st.floats(0.3, 0.9), seed=st.integers(0, 99))
 def test_readings_that_a_logger_repeats_count_once(tmp_path_factory, polled_s, seed):
-    """Read out at uneven times, every `polled_s` intervals in the mean: what the unit gave comes back, evenly."""
+    # Read out at uneven times, every `polled_s` intervals in the mean: what the unit gave comes back, evenly.
     series = readings(duration_s=20.0)
     n, rng = series.gpst.size, np.random.default_rng(seed)
     polls = np.cumsum(polled_s * rng.uniform(0.9, 1.1, round(n / polled_s)))
@@ -258,7 +258,7 @@ def test_gyros_that_turn_the_wrong_way_are_noticed(tmp_path):
 
 @pytest.mark.parametrize("motion", [make_static(HOME), ROUND, road()], ids=["at rest", "round", "road"])
 def test_what_is_right_is_never_refused(tmp_path, motion):
-    """Consumer noise, too: at rest the gyros' noise says nothing of units."""
+    # Consumer noise, too: at rest the gyros' noise says nothing of units.
     for seed in range(6):
         columns = table(readings(motion, rate_hz=20.0, duration_s=20.0, seed=seed))
         noisy = {

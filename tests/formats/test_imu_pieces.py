@@ -62,7 +62,7 @@ def test_few_readings_stay_in_memory(n, kind):
 
 
 def test_no_values_stay_at_hand(tmp_path):
-    """Of each reading its time alone, once for the unit and the body that share it."""
+    # Of each reading its time alone, once for the unit and the body that share it.
     with patch.object(imu_pieces, "PIECE_READINGS", 100):
         stored = StoredImuFile(file_of(), Workspace(tmp_path))
     one, other = stored.series(GPS_EPOCH), stored.series(GPS_EPOCH)

@@ -54,7 +54,7 @@ def test_the_order_of_wide_numbers_with_quiet_low_bytes_is_found(rms: float, ste
 @pytest.mark.parametrize("order", ["little", "big"])
 @pytest.mark.parametrize("level", [1, 2, 100, 256, 1000, 8192, 32767])
 def test_wide_numbers_of_two_values_are_one_stream(level: int, order: str) -> None:
-    """In either order they are the same signal."""
+    # In either order they are the same signal.
     stored = octets(np.where(normal(1.0) > 0.0, level, -level), f"{'<' if order == 'little' else '>'}i2")
     assert {(packing.packing.bits, packing.header_bytes) for packing in list_likely_packings(stored)} == {(16, 0)}
 

@@ -269,7 +269,7 @@ def test_years_of_two_digits_run_from_1980_to_2079(year, full):
 
 @pytest.mark.parametrize("hours", [-24, -9, -1, 1, 24])
 def test_a_clock_of_another_time_than_the_orbit_is_left_out(hours):
-    """As where the dates of a file were edited and the times of ephemeris were not."""
+    # As where the dates of a file were edited and the times of ephemeris were not.
     text = GPS_RECORD[0]
     when = np.datetime64("2024-06-24T10:00:00") + np.timedelta64(hours, "h")
     edited = f"G05 {str(when)[:19].replace('-', ' ').replace('T', ' ').replace(':', ' ')}{text[23:]}"
@@ -394,7 +394,7 @@ def test_a_damaged_record_costs_that_record_only(damage, words):
 
 @pytest.mark.parametrize("line", [-1, -2], ids=["last line", "line before, which may be the last"])
 def test_a_file_cut_within_a_number_loses_that_record_only(line):
-    """A group delay of 1.8E-0 in place of 1.8E-08 would be a clock that is off by seconds."""
+    # A group delay of 1.8E-0 in place of 1.8E-08 would be a clock that is off by seconds.
     whole = VERSION_2[: len(VERSION_2) + line + 1]
     for kept in range(4, 79):
         navigation = parse_nav([*whole[:-1], whole[-1][:kept]])
@@ -610,7 +610,7 @@ def test_no_other_real_file_passes_for_a_navigation_file(shared_data):
 
 @pytest.mark.shared_data
 def test_two_writers_of_one_day_agree(shared_data):
-    """Two stations' receivers wrote what the same satellites sent."""
+    # Two stations' receivers wrote what the same satellites sent.
     folder: Path = shared_data / "real" / "rinex-gsi-3km"
     first, second = (
         {(e.sat, e.week, e.toe, e.iode): e for e in read_nav(folder / name).ephemerides}

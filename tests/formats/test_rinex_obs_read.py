@@ -352,7 +352,7 @@ def test_no_damage_ends_in_anything_but_data_or_a_message(data):
 
 @pytest.mark.parametrize("which", [0, 1])
 def test_an_epoch_that_the_file_ends_within_is_left_out(which):
-    """Its other satellites were not lost."""
+    # Its other satellites were not lost.
     file = parse_obs("\n".join(FILES[which][:-1]).encode() + b"\n")
     assert file.observations.gpst.size == 3
     assert [Remark.kind_of(remark) for remark in file.remarks].count(RemarkKind.CUT) == 1

@@ -90,7 +90,7 @@ def test_authentic_for_the_common_time_is_authentic(invented):
 
 @pytest.mark.parametrize(("alone_s", "verdict"), [(5, "authentic"), (30, "authentic"), (40, "no_attack_seen")])
 def test_a_receiver_recorded_alone_for_long_leaves_it_open(invented, alone_s, verdict):
-    """One antenna cannot vouch for itself: false signals could have come in that time."""
+    # One antenna cannot vouch for itself: false signals could have come in that time.
     observed = [invented.observations(duration_s=20 + alone_s), invented.observations(receiver="rx2", duration_s=20)]
     evidence = [invented.evidence(w, "authentic", *SKY, receivers=BOTH) for w in (0, 1)]
     decision = fuse(evidence, observed, [])
@@ -104,7 +104,7 @@ def test_a_few_signals_are_too_few_for_authentic(invented, pair):
 
 
 def test_a_receiver_that_never_had_a_fix_is_not_authentic(invented):
-    """Two signals from different directions for some seconds say nothing of a recording in which nobody had a fix."""
+    # Two signals from different directions for some seconds say nothing of a recording in which nobody had a fix.
     observed = [invented.observations(SKY[:3])]
     evidence = [invented.evidence(w, "authentic", *SKY[:3]) for w in range(4)]
     assert fuse(evidence, observed, []).verdict == "no_attack_seen"
@@ -292,7 +292,7 @@ def test_a_second_signal_that_is_no_echo_leaves_all_open(invented, late_m, over_
 )
 @pytest.mark.parametrize("epoch_s", [1.0, 0.001])
 def test_two_unknown_signals_of_a_satellite_leave_all_open(invented, late_m, over_db, kind, verdict, epoch_s):
-    """Also in a recording of tens of milliseconds."""
+    # Also in a recording of tens of milliseconds.
     evidence = [invented.evidence(w, "authentic", *SKY[1:], receivers=BOTH) for w in range(4)]
     observed = [replace(o, elapsed_s=epoch_s * o.elapsed_s) for o in doubled(invented, late_m=late_m, over_db=over_db)]
     decision = fuse(evidence, observed, [])
@@ -368,7 +368,7 @@ def test_an_attack_with_a_receiver_left_open_says_which(invented):
 
 
 def test_a_signal_that_was_captured_begins_the_attack(invented, pair):
-    """No new signal was found: the channels went over from the true ones to the false ones."""
+    # No new signal was found: the channels went over from the true ones to the false ones.
     says = ["authentic", "authentic", "spoofed", "spoofed"]
     decision = fuse([invented.evidence(w, s, *SKY, receivers=BOTH) for w, s in enumerate(says)], pair, [])
     assert decision.verdict == "spoofed"
@@ -417,7 +417,7 @@ def test_two_skies_are_shown_while_it_is_open_which_is_true(invented):
 
 
 def test_skies_that_swap_signals_for_a_window_do_not_become_one(invented):
-    """A set that takes one signal of the other sky in one window must not tie both skies together."""
+    # A set that takes one signal of the other sky in one window must not tie both skies together.
     (observed, _) = attacked_pair(invented)
     mixed = ("G05a", "G07a", "G10a", "G13a", "G15b"), ("G05b", "G07b", "G10b", "G13b", "G15a")
     sets = [invented.sky(w, *names) for w in (1, 3) for names in (SKY, FALSE)] + [invented.sky(2, *m) for m in mixed]

@@ -72,7 +72,7 @@ def test_authentic_reaches_across_one_silent_window_but_not_two(invented):
 
 
 def test_authentic_ends_with_its_evidence(invented):
-    """A channel that was captured without a slip goes on as if nothing had happened."""
+    # A channel that was captured without a slip goes on as if nothing had happened.
     labels = label_signals([invented.evidence(1, "authentic", *ALL)], [invented.observations()])
     assert stretches(labels) == [("unknown", 0, 9), ("authentic", 10, 19), ("unknown", 20, 39)]
 
@@ -170,7 +170,7 @@ def test_a_single_fault_costs_its_signal_and_not_the_others(invented):
 
 
 def test_a_minority_is_not_authentic_where_most_fail_together(invented):
-    """Signals that are drawn off their true delays: a few of them fit each other by chance."""
+    # Signals that are drawn off their true delays: a few of them fit each other by chance.
     failed = [invented.evidence(w, "undecided", *ALL, detector="two", p_value=1e-30) for w in (2, 3)]
     evidence = [invented.evidence(w, "authentic", *(ALL if w < 2 else ALL[:3])) for w in range(4)]
     labels = label_signals([*failed, *evidence], [invented.observations()])

@@ -41,7 +41,7 @@ def test_what_the_first_search_found_was_there_from_the_start(invented):
 
 
 def test_hidden_signals_were_present_when_seen_at_the_latest(invented):
-    """The invented signals of a satellite have the same delay: what parts from another one may have lain upon it."""
+    # The invented signals of a satellite have the same delay: what parts from another one may have lain upon it.
     o = invented.observations(("G05a", "G05b"), found={"G05b": (11.5, 12.0)})
     onset = date_onset([invented.ref("G05b")], [o])
     assert (onset.seen, onset.earliest, onset.from_start) == (invented.at(12.02), None, False)

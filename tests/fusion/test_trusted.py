@@ -40,7 +40,7 @@ def test_fewer_than_four_signals_are_no_fix(invented):
 
 
 def test_two_signals_of_one_satellite_are_neither_used(invented):
-    """Both labelled authentic: it is open which is meant."""
+    # Both labelled authentic: it is open which is meant.
     o = invented.observations(("G05a", "G05b", "G07a", "G10a", "G13a"))
     navigation = NavigationData(ephemerides=())
     assert fix_of(o, navigation, multipath_sigma_m=1.0, elevation_mask_deg=5.0) is None

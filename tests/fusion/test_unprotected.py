@@ -27,7 +27,7 @@ def test_a_signal_is_followed_whatever_stronger_one_comes(invented):
 
 
 def test_after_jamming_the_strongest_signal_is_taken(invented):
-    """Even where the one that it followed before is received again."""
+    # Even where the one that it followed before is received again.
     o = invented.observations(("G05a", "G05b"), there={"G05b": (20, 39)})
     jammed = np.arange(40)[:, None] // 5 == 3
     o = replace(o, pseudorange_m=np.where(jammed, np.nan, o.pseudorange_m))
@@ -36,7 +36,7 @@ def test_after_jamming_the_strongest_signal_is_taken(invented):
 
 
 def test_the_strongest_is_taken_of_what_comes_while_it_searches(invented):
-    """True signals that loops coasted for are back at once, false ones have to be found first."""
+    # True signals that loops coasted for are back at once, false ones have to be found first.
     o = invented.observations(("G05a", "G05b"), there={"G05b": (22, 39)})
     jammed = np.arange(40)[:, None] // 5 == 3
     o = replace(o, pseudorange_m=np.where(jammed, np.nan, o.pseudorange_m))

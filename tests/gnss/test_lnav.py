@@ -125,7 +125,7 @@ def as_sent(words):
 
 @pytest.mark.shared_data
 def test_real_messages_explain_real_pseudoranges(shared_data):
-    """Every subframe of a log holds, and the orbits in them fit the receiver's measurements at its surveyed place."""
+    # Every subframe of a log holds, and the orbits in them fit the receiver's measurements at its surveyed place.
     log = (shared_data / "real" / "imu-gnss-walk" / "gnss_1730.ubx").read_bytes()
     subframes, measured_m, at = {}, {}, None
     for kind, number, payload in ubx_messages(log):
@@ -190,7 +190,7 @@ def rendered_subframes(shared_data, authentic_rows):
 
 @pytest.mark.shared_data
 def test_the_message_of_an_independent_program_is_read(shared_data, rendered_subframes):
-    """The rendered message was made from the broadcast file by another program: each value must come back."""
+    # The rendered message was made from the broadcast file by another program: each value must come back.
     assert [(subframe.id, subframe.tow_s) for _, subframe in rendered_subframes] == [
         (k + 1, 596760 + 6 * k) for k in range(4)
     ]
@@ -238,7 +238,7 @@ def test_a_word_without_its_final_zeros_is_no_subframe(word):
 
 
 def test_each_word_follows_the_equations_of_the_standard():
-    """Slow twin of the parity: table 20-XIV bit by bit, over half a minute."""
+    # Slow twin of the parity: table 20-XIV bit by bit, over half a minute.
     rng = np.random.default_rng(1)
     eph = replace(EPHEMERIS, **{name: rng.uniform(-1e-7, 1e-7) for name in ("cic", "cis", "cuc", "cus")})
     stream = encode_subframes(eph, None, None, 596760, 2190, 25)

@@ -125,7 +125,7 @@ def test_an_orbit_runs_on_over_the_end_of_the_week():
 
 @pytest.mark.shared_data
 def test_the_sky_of_an_independent_program_is_ours(shared_data, authentic_rows):
-    """Geometry, clocks, relativity, group delay, Sagnac, ionosphere and troposphere together, to 0.2 mm."""
+    # Geometry, clocks, relativity, group delay, Sagnac, ionosphere and troposphere together, to 0.2 mm.
     navigation = read_nav(shared_data / "rf" / "brdc0010.22n")
     truth = json.loads((shared_data / "rf" / "meaconing-pair" / "truth.json").read_text())
     places = {receiver["name"]: receiver["position"] for receiver in truth["receivers"]}
@@ -199,11 +199,9 @@ def two_line_position_m(first, second):
 
 @pytest.mark.shared_data
 def test_satellites_are_where_the_tracking_radars_see_them(shared_data):
-    """Two-line elements near 31 October 2012 (NORAD) against the broadcast of that day.
-
-    Mean elements read as plain Kepler leave out what the Moon, the Sun and the Earth's shape do: some tens of
-    kilometres, a tenth of a degree. A coarse check, but of everything, the Earth's orientation included.
-    """
+    # Two-line elements near 31 October 2012 (NORAD) against the broadcast of that day.
+    # Mean elements read as plain Kepler leave out what the Moon, the Sun and the Earth's shape do: some tens of
+    # kilometres, a tenth of a degree. A coarse check, but of everything, the Earth's orientation included.
     text = (shared_data / "real" / "brdc" / "TLE_GNSS_20121101.txt").read_text(encoding="latin-1")
     lines = [line for line in text.splitlines() if line[:1] not in ("#", "")]
     navigation = read_nav(shared_data / "real" / "brdc" / "brdc3050.12n")

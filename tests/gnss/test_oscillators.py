@@ -29,7 +29,7 @@ def test_steps_add_up():
 
 @pytest.mark.parametrize(("name", "least"), [("tcxo", 0.4), ("ocxo", 0.4), ("csac", 0.4), ("tcxo-good", 0.2)])
 def test_clocks_are_off_as_far_as_predicted(name, least):
-    """From the phase at two times 5 s apart to 30 s later; flicker noise is over-stated by design."""
+    # From the phase at two times 5 s apart to 30 s later; flicker noise is over-stated by design.
     squares = []
     for seed in range(60):
         phase = make_clock(name, seed=seed, duration_s=40.0).offset_s(np.array([0.0, 5.0, 35.0]))

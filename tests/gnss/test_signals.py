@@ -28,7 +28,7 @@ def test_the_signal_is_described_in_one_place():
 
 
 def test_the_highest_side_lobe_is_that_of_the_codes():
-    """Of any two, at any delay: Gold codes have three values."""
+    # Of any two, at any delay: Gold codes have three values.
     codes = np.fft.rfft([GPS_L1_CA.code(prn_of(sat)) for sat in GPS_SATS[:8]])
     beside = [
         np.fft.irfft(codes[a] * codes[b].conj(), GPS_L1_CA.code_length)[int(a == b) :]

@@ -113,7 +113,7 @@ def test_lnav_frames_give_what_was_encoded() -> None:
     ],
 )
 def test_a_frame_is_mistimed_only_where_its_time_is_known(early_s, late_s, open_s, mistimed) -> None:
-    """As where a log has lost the epochs beside a frame, or the receiver writes it behind its next epoch."""
+    # As where a log has lost the epochs beside a frame, or the receiver writes it behind its next epoch.
     sent = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[0]
     tow_s = int(sent.toe) // 30 * 30
     source = check_words(encode_subframes(sent, None, None, tow_s, sent.week, 5).reshape(5, 300))[0].reshape(5, 240)
@@ -304,7 +304,7 @@ UTC_VALUES |= {"tot": 7200.0, "dn": 3, "page": 10}
     ids=["I/NAV", "D1"],
 )
 def test_a_change_of_leap_seconds_comes_with_its_day(fields, n_bits, read, behind_s, week_0, day) -> None:
-    """BeiDou's leap seconds count from 2006, and its days from 0."""
+    # BeiDou's leap seconds count from 2006, and its days from 0.
     values = {name: value - behind_s * name.startswith("leap") for name, value in UTC_VALUES.items()}
     values |= {"wnt_mod_256": (2190 - week_0) % 256, "wn_lsf_mod_256": (2191 - week_0) % 256}
     frame = sum(put(field, values[field.name], n_bits) for field in fields)
@@ -403,7 +403,7 @@ def in_turn(numbers: tuple[int, ...], after_s: float, quarter: int) -> list[tupl
     ids=["whole", "without 1", "without 3", "without 4", "all at one epoch"],
 )
 def test_strings_of_two_frames_make_no_orbit(later, expected) -> None:
-    """No number tells of which data a string is: at the half hour they change."""
+    # No number tells of which data a string is: at the half hour they change.
     collector = OrbitCollector()
     collector.take([glonass_frames(in_turn((1, 2, 3, 4), 0.0, 0) + later)], {"R07": 5})
     made = collector.navigation("test").ephemerides

@@ -139,7 +139,7 @@ def without_slow_biases(name):
 
 
 def test_filters_agree():
-    """A tactical unit with errors, and a fix of 1.5 m and 0.1 m/s a second; the last one is a second old at the end."""
+    # A tactical unit with errors, and a fix of 1.5 m and 0.1 m/s a second; the last one is a second old at the end.
     grade, rng = without_slow_biases("tactical"), np.random.default_rng(1)
     readings = erroneous(perfect(ROUND, 20.0, 50.0), grade, rng).readings
     sigma, noise = (2.0, 0.3, np.radians(1.0)), (1.5, 0.1)
@@ -156,7 +156,7 @@ def test_filters_agree():
 @pytest.mark.long
 @pytest.mark.shared_data
 def test_filters_agree_on_a_real_walk(shared_data):
-    """From 25 s on, attitude found in motion; free for 10 s, and with fixes four times a second for 60 s."""
+    # From 25 s on, attitude found in motion; free for 10 s, and with fixes four times a second for 60 s.
     walk = real.read_walk(shared_data / "real" / "imu-gnss-walk")
     state = real.aligned(walk, 11.0, 25.0).state
     zero = walk.readings.gpst[0]

@@ -112,7 +112,7 @@ def test_dopplers_alone_find_the_place_to_start_from():
 
 
 def test_a_rough_place_without_dopplers_will_do():
-    """As far off as stated, so that the nearest whole numbers are not the right ones."""
+    # As far off as stated, so that the nearest whole numbers are not the right ones.
     rng = np.random.default_rng(3)
     for late_s in (-60.0, 60.0):
         truth = shot(rng)
@@ -125,7 +125,7 @@ def test_a_rough_place_without_dopplers_will_do():
 
 
 def test_errors_are_as_large_as_stated():
-    """Of code noise alone: without multipath and ionosphere in the sigmas, as without them in the measurements."""
+    # Of code noise alone: without multipath and ionosphere in the sigmas, as without them in the measurements.
     rng = np.random.default_rng(4)
     settings = CoarseSettings(multipath_sigma_m=0.0, ionosphere_share=0.0)
     squares, times, p_values = [], [], []
@@ -177,7 +177,7 @@ def test_a_time_or_place_further_off_than_stated_is_reported(wrong):
 
 
 def test_several_sets_that_fit_are_reported():
-    """Five satellites leave nothing to check with, and a place good to 1000 km leaves many whole numbers."""
+    # Five satellites leave nothing to check with, and a place good to 1000 km leaves many whole numbers.
     rng = np.random.default_rng(8)
     truth = shot(rng)
     few = replace(truth, doppler_hz=np.full(len(truth.sats), np.nan)).keep(np.arange(5))
@@ -214,7 +214,7 @@ def test_what_makes_no_sense_is_refused():
 @pytest.mark.parametrize("n_sats", [5, 6, 7, 9])
 @pytest.mark.parametrize("start", ["place", "dopplers"])
 def test_no_wrong_position_is_given_and_few_right_withheld(n_sats, start):
-    """Geometry may be as poor as five satellites make it, so that what counts as wrong is beyond eight sigmas."""
+    # Geometry may be as poor as five satellites make it, so that what counts as wrong is beyond eight sigmas.
     rng = np.random.default_rng(n_sats)
     solved = wrong = unfit = 0
     trials = 250

@@ -120,10 +120,8 @@ LASTS_S = {"consumer": 2.0, "industrial": 10.0, "tactical": 60.0, "navigation": 
 @pytest.mark.parametrize("grade", LASTS_S)
 @pytest.mark.parametrize("angle_deg", [0.05, 0.5])
 def test_errors_are_as_large_as_the_covariance_says(name, grade, angle_deg):
-    """Starts and units are drawn: the normalised squares are chi-square of nine, neither larger nor smaller.
-
-    With half a degree at the start the model's allowance for what is not linear makes them smaller.
-    """
+    # Starts and units are drawn: the normalised squares are chi-square of nine, neither larger nor smaller.
+    # With half a degree at the start the model's allowance for what is not linear makes them smaller.
     sigma = np.repeat([1.0, 0.1, np.radians(angle_deg)], 3)
     motion, errs, duration_s, rate_hz = MOTIONS[name], GRADES[grade], LASTS_S[grade], 10.0
     exact, ends = readings(motion, rate_hz, duration_s), truth(motion, [duration_s])
@@ -198,7 +196,7 @@ def test_a_unit_of_other_axes_gives_the_same_states_exactly(tmp_path, axes):
 
 
 def test_gaps_are_bridged_within_what_the_covariance_says():
-    """Strong noise on a body that turns and shakes, with 3 of 10 seconds missing in pieces of 0.02 to 0.9 s."""
+    # Strong noise on a body that turns and shakes, with 3 of 10 seconds missing in pieces of 0.02 to 0.9 s.
     motion, grade = MOTIONS["round"], GRADES["tactical"]
     whole = readings(motion)
     missing = np.r_[30:32, 60:90, 150:195, 250, 300:340, 400:430]

@@ -140,7 +140,7 @@ def test_units_drift_as_the_model_says():
 
 
 def test_units_of_wrong_gains_drift_as_the_model_predicts():
-    """Errors of scale and alignment alone, of 1 % each, over 24 s of a way that turns left and right."""
+    # Errors of scale and alignment alone, of 1 % each, over 24 s of a way that turns left and right.
     grade = replace(NONE, accelerometer_scale=0.01, gyro_scale=0.01, misalignment_rad=0.01)
     motion = make_way_points(ecef_from_geodetic(0.9 + 7e-6 * WINDING[:, 0], 0.2 + 7e-6 * WINDING[:, 1], 0.0), 4.0)
     exact = simulate_inertial(motion.at, rate_hz=50.0, duration_s=24.0)

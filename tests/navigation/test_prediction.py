@@ -105,7 +105,7 @@ def test_only_what_all_have_is_compared():
 
 
 def test_a_clock_push_alone_is_recognized_by_the_oscillator():
-    """A standing receiver: 300 m of clock in a minute; a poor crystal leaves that open, a rubidium does not."""
+    # A standing receiver: 300 m of clock in a minute; a poor crystal leaves that open, a rubidium does not.
     last = estimate_from_parts(
         GPS_EPOCH,
         position_ecef_m=HOME,
@@ -158,7 +158,7 @@ def test_a_standing_receiver_stays_and_what_was_unknown_stays_so():
 
 
 def test_one_fix_is_tested_as_the_only_one_of_a_choice_is():
-    """In all that both know: a fix with velocity against a prediction without one is tested in place alone."""
+    # In all that both know: a fix with velocity against a prediction without one is tested in place alone.
     rng = np.random.default_rng(11)
     prediction = a_fix(np.zeros(3), 3.0)
     for fix in (a_fix(np.zeros(3), 2.0, rng), a_fix(np.array([5.0, 0.0, 0.0]), 2.0, rng, velocity=np.full(3, 0.1))):

@@ -82,7 +82,7 @@ def test_a_surveyed_place_stays_whatever_is_learned():
     [("ocxo", 6), *(pytest.param(name, 40, marks=pytest.mark.long) for name in ("tcxo", "ocxo", "rubidium"))],
 )
 def test_clocks_are_where_their_class_says(name, draws):
-    """Learned over 30 s, expected 60 s later: squared errors over what is stated, never more than that."""
+    # Learned over 30 s, expected 60 s later: squared errors over what is stated, never more than that.
     squares, rng = [], np.random.default_rng(5)
     root = float(np.sqrt(COVARIANCE[3, 3]))
     for seed in range(draws):

@@ -63,7 +63,7 @@ def test_a_run_in_pieces_gives_the_whole():
 
 
 def test_coning_is_taken_from_two_intervals():
-    """A body whose axis nods in a circle turns in the mean by less than its mean rate: the classical coning drift."""
+    # A body whose axis nods in a circle turns in the mean by less than its mean rate: the classical coning drift.
     rate_hz, nod_rad, turn_rad_s = 100.0, 0.02, 2.0 * np.pi * 3.0
     fine = np.arange(0, 100_001) * 1e-4
     attitude = Rotation.from_rotvec(

@@ -54,7 +54,7 @@ def test_labels_that_stray_are_told_from_the_rest():
 
 @pytest.mark.parametrize("bias_s", [0.0, 7e-4, 0.93])
 def test_a_clock_that_is_off_is_no_wrong_label(bias_s):
-    """It stands in the ranges as well."""
+    # It stands in the ranges as well.
     o, nav = measured(bias_s=bias_s)
     found = estimate_tag_errors(o, nav)
     assert found.known.all()

@@ -33,7 +33,7 @@ def states(walk):
 
 
 def test_alignments_in_motion_agree_as_far_as_they_state(walk):
-    """Attitudes at the ends of windows, each against the whole window's, carried there by the gyros."""
+    # Attitudes at the ends of windows, each against the whole window's, carried there by the gyros.
     whole = aligned(walk, 11.0, 40.0)
     for start_s, end_s in ((2.0, 14.0), (11.0, 20.0), (15.0, 25.0), (20.0, 35.0)):
         found = aligned(walk, start_s, end_s)
@@ -69,7 +69,7 @@ def test_without_fixes_the_position_is_off_as_far_as_stated(walk, states, cut_s)
 @pytest.mark.parametrize("speed_m_s", [1.0, 2.0, 5.0])
 @pytest.mark.parametrize("with_velocity", [True, False])
 def test_false_fixes_are_noticed(walk, states, speed_m_s, with_velocity):
-    """Drawn off at a steady speed, with velocities that go with it, or positions alone; fixes as good as true ones."""
+    # Drawn off at a steady speed, with velocities that go with it, or positions alone; fixes as good as true ones.
     delays_s, dragged_m = [], []
     for start_s, state in states.items():
         for direction in EAST_NORTH:

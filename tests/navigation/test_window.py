@@ -57,7 +57,7 @@ def test_a_carrier_faster_than_anything_is_no_motion():
 
 
 def test_a_doppler_held_for_minutes_is_as_good_as_its_change():
-    """A signal at one epoch a minute that is lost before the middle."""
+    # A signal at one epoch a minute that is lost before the middle.
     seen = seen_by(n=15, step_s=60.0, air=False)
     codes, carrier, doppler = (getattr(seen, name).copy() for name in ("pseudorange_m", "carrier_cyc", "doppler_hz"))
     codes[8:, 0], carrier[6:, 0], doppler[6:, 0] = np.nan, np.nan, np.nan

@@ -206,7 +206,7 @@ def test_a_reflection_within_half_a_chip_is_not_another_signal():
 @pytest.mark.parametrize(("apart", "relative_db"), [(0.35, -3.0), (-0.5, -3.0), (0.5, -6.0)])
 @pytest.mark.parametrize("turn_cyc", [0.0, 0.25, 0.5])
 def test_a_signal_pulled_by_its_reflection_leaves_no_other(apart, relative_db, turn_cyc):
-    """What one signal leaves of two has its top up to a chip from where the loop is, beyond the mask."""
+    # What one signal leaves of two has its top up to a chip from where the loop is, beyond the mask.
     rng = np.random.default_rng(18)
     searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings(coherent_periods=4, n_sums=5))
     n = searcher.n_samples
@@ -236,7 +236,7 @@ def test_overlapping_signals_separation_is_right(apart):
 
 
 def test_a_strong_signal_is_not_taken_for_others_or_twice():
-    """At 60 dB-Hz its side lobes and cross-correlations stand 12 dB above the noise of 20 x 1 ms."""
+    # At 60 dB-Hz its side lobes and cross-correlations stand 12 dB above the noise of 20 x 1 ms.
     rng = np.random.default_rng(12)
     searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings())
     n = searcher.n_samples
@@ -246,7 +246,7 @@ def test_a_strong_signal_is_not_taken_for_others_or_twice():
 
 
 def test_a_weak_satellite_is_found_below_a_strong_known_one():
-    """38 dB-Hz beside 60 dB-Hz, whole kilohertz apart, where cross-correlation is worst."""
+    # 38 dB-Hz beside 60 dB-Hz, whole kilohertz apart, where cross-correlation is worst.
     rng = np.random.default_rng(13)
     searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings())
     n = searcher.n_samples
@@ -257,7 +257,7 @@ def test_a_weak_satellite_is_found_below_a_strong_known_one():
 
 
 def test_strong_unrequested_signals_are_taken_for_none():
-    """Four of 60 dB-Hz, whole kilohertz off; the weak one beside them stands 2 dB above what noise reaches."""
+    # Four of 60 dB-Hz, whole kilohertz off; the weak one beside them stands 2 dB above what noise reaches.
     rng = np.random.default_rng(21)
     searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings(coherent_periods=4, n_sums=5))
     n, delay_s = searcher.n_samples, 0.7e-3
@@ -396,7 +396,7 @@ def _hold(p_values, wanted):
     ],
 )
 def test_false_alarms_come_at_the_stated_rate(made):
-    """Near search of 12 satellites; none of those that send, where any do, is asked for."""
+    # Near search of 12 satellites; none of those that send, where any do, is asked for.
     rng = np.random.default_rng(16)
     wanted = 0.05
     settings = SearchSettings(coherent_periods=4, n_sums=5, false_alarm_probability=wanted)
@@ -430,7 +430,7 @@ def test_false_alarms_of_a_full_search_keep_the_stated_rate(rate_hz):
 @pytest.mark.long
 @pytest.mark.parametrize("cn0_dbhz", [38.0, 45.0, 52.0])
 def test_a_tracked_satellite_alone_gives_no_second_signal(cn0_dbhz):
-    """2000 searches, at 1e-4 each; tracked within 0.02 chip and 2 Hz."""
+    # 2000 searches, at 1e-4 each; tracked within 0.02 chip and 2 Hz.
     rng = np.random.default_rng(17)
     searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings(coherent_periods=4, n_sums=5))
     false = 0

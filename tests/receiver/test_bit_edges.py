@@ -56,7 +56,7 @@ def test_unmoved_bits_are_called_moved_at_most_at_the_rate(cn0_dbhz, beat):
 @pytest.mark.parametrize("step_db", [-6.0, 6.0])
 @pytest.mark.parametrize("n_signals", [5, 20])
 def test_strength_that_changes_in_all_signals_moves_no_bits(n_signals, step_db):
-    """Jamming that begins, while no bit turns over: what is compared stands for the same time."""
+    # Jamming that begins, while no bit turns over: what is compared stands for the same time.
     rng = np.random.default_rng(5)
     stated, n, alarms = 0.02, 150, 0
     for _ in range(n):

@@ -56,7 +56,7 @@ def test_a_rate_that_is_given_wrong_is_measured(wrong_ppm):
     ],
 )
 def test_rates_that_are_given_wrong_are_measured(wrong_ppm, rate_hz, front_end):
-    """In less than 0.5 s a drift of few ppm may look like a mirrored spectrum: then nothing is reported."""
+    # In less than 0.5 s a drift of few ppm may look like a mirrored spectrum: then nothing is reported.
     check_rate(wrong_ppm, rate_hz, duration_s=0.5, **front_end)
 
 
@@ -102,7 +102,7 @@ def test_the_drift_of_tracked_signals_is_measured(share, n_sats, seed):
 
 
 def test_agreeing_signals_are_corrected_once_in_a_thousand():
-    """The scatter of few satellites determines the sigma badly; the least that counts holds against that."""
+    # The scatter of few satellites determines the sigma badly; the least that counts holds against that.
     certain = [
         estimate_from_tracks(tracked(0.0, n_sats=4 + seed % 9, seed=seed), sats(12)).certain for seed in range(300)
     ]
@@ -127,7 +127,7 @@ def test_too_few_or_too_short_signals_show_nothing():
 
 @given(share=st.floats(4e-6, 1e-4), sign=st.sampled_from([-1.0, 1.0]), off_hz=st.floats(-800.0, 800.0))
 def test_carriers_that_are_off_are_told_from_a_rate_that_is_off(share, sign, off_hz):
-    """An oscillator off by half a ppm beside it; a carrier given too high makes all signals appear low."""
+    # An oscillator off by half a ppm beside it; a carrier given too high makes all signals appear low.
     share *= sign
     rate = Disagreement(
         code_minus_carrier=share,

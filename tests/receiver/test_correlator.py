@@ -152,7 +152,7 @@ def test_the_shift_returned_is_the_shift_of_the_replica_used(case, n):
 
 
 def test_the_mean_shift_over_chunks_is_taken_off_without_bias():
-    """Early minus late of a signal without noise: with 40 samples a chip, the shift is what is left to be seen."""
+    # Early minus late of a signal without noise: with 40 samples a chip, the shift is what is left to be seen.
     errors = []
     for chip in np.linspace(0.0, 0.02, 40, endpoint=False):
         case = Case(41e6, chip=chip, doppler_hz=0.0, phase_cyc=0.0, delays_chips=(0.25, 0.0, -0.25), begin=0)

@@ -71,10 +71,8 @@ def one(doppler_hz=1234.5, **motion):
 )
 @pytest.mark.parametrize("doppler_hz", [0.0, 1234.5])
 def test_without_noise_there_is_no_bias(rate_hz, spacing_chips, bound_m, doppler_hz):
-    """Codes that stand still against the samples, the worst case, and codes that run.
-
-    2 cm are met but for narrow taps at 2.6 Msps, where the replica's eight bits are rounded.
-    """
+    # Codes that stand still against the samples, the worst case, and codes that run.
+    # 2 cm are met but for narrow taps at 2.6 Msps, where the replica's eight bits are rounded.
     front_end = FRONT_END.model_copy(update={"rate_hz": rate_hz, "bandwidth_hz": 0.8 * rate_hz})
     motion = one(doppler_hz)
     rows, _ = follow_signal(
@@ -97,7 +95,7 @@ def test_at_two_g_the_carrier_has_no_bias():
 
 @pytest.mark.parametrize("cn0_dbhz", [30.0, 40.0])
 def test_spreads_are_those_of_theory(cn0_dbhz):
-    """Eight satellites: their noise on each other is 0.2 dB at 40 dB-Hz."""
+    # Eight satellites: their noise on each other is 0.2 dB at 40 dB-Hz.
     sats = [f"G{number:02d}" for number in range(1, 9)]
     rng = np.random.default_rng(2)
     motion = SignalDelays(delay_s=rng.uniform(0.065, 0.08, 8), doppler_hz=rng.uniform(-4e3, 4e3, 8))
@@ -123,7 +121,7 @@ def test_spreads_are_those_of_theory(cn0_dbhz):
 
 @pytest.mark.parametrize("cn0_dbhz", [31.0, 35.0])
 def test_weak_signals_are_pulled_in_and_do_not_slip(cn0_dbhz):
-    """Started 8 Hz beside, as a search leaves them."""
+    # Started 8 Hz beside, as a search leaves them.
     n = 16
     sats = [f"G{number:02d}" for number in range(1, n + 1)]
     rng = np.random.default_rng(4)

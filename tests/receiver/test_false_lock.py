@@ -42,7 +42,7 @@ def test_bits_are_taken_whole_wherever_they_begin():
 @pytest.mark.parametrize("cn0_dbhz", [25, 29, 35, 50])
 @pytest.mark.parametrize("off_hz", [12.5, pytest.param(-12.5, marks=pytest.mark.long)])
 def test_a_carrier_half_way_is_called_false_at_the_stated_rate(off_hz, cn0_dbhz, probability):
-    """To one of two sides: half as often. The bits' products are normal enough for Student's t."""
+    # To one of two sides: half as often. The bits' products are normal enough for Student's t.
     n = 20_000
     says = int(is_turning(sums(off_hz, cn0_dbhz, ROW_BITS, 7, n), probability).sum())
     assert 0.8 * 0.5 * probability * n < says < 1.2 * 0.5 * probability * n + 3.0 * np.sqrt(0.5 * probability * n)

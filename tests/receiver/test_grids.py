@@ -159,7 +159,7 @@ def test_much_is_at_stake_when_several_signals_change_at_once():
 
 
 def test_a_receiver_takes_grids_about_its_pseudorange(clean):
-    """Of 4 s, in two pieces as in one."""
+    # Of 4 s, in two pieces as in one.
     rate = clean.samples.rate_hz
     settings = ReceiverSettings(
         grids=CcafAsked(reach_chips=1.0, every_s=0.4, soon_s=0.2),

@@ -95,7 +95,7 @@ def test_an_error_of_the_loops_code_is_measured_away():
 
 
 def test_an_accelerating_phase_biases_neither_phase_nor_rate():
-    """103 Hz/s, 2 g: the mean over a bit of such a phase is not its value in the middle, by 0.0017 cycle."""
+    # 103 Hz/s, 2 g: the mean over a bit of such a phase is not its value in the middle, by 0.0017 cycle.
     rate_hz_s = 103.0
 
     def beside_cyc(t):
@@ -110,7 +110,7 @@ def test_an_accelerating_phase_biases_neither_phase_nor_rate():
 @pytest.mark.parametrize("bits_known", [True, False])
 @pytest.mark.parametrize("cn0_dbhz", [33.0, 35.0, 40.0])
 def test_a_held_phase_never_slips_nor_is_said_to(cn0_dbhz, bits_known):
-    """Ten minutes and all places of bits in a block: its first and last group may be a single period."""
+    # Ten minutes and all places of bits in a block: its first and last group may be a single period.
     offsets = range(1, BIT, 3)
     for offset in offsets:
         frames = rows_of(np.random.default_rng(offset), cn0_dbhz, 6000 // len(offsets), offset=offset)
@@ -123,7 +123,7 @@ def test_a_held_phase_never_slips_nor_is_said_to(cn0_dbhz, bits_known):
 @pytest.mark.parametrize("takes_s", [0.08, 0.15])
 @pytest.mark.parametrize("cn0_dbhz", [33.0, 45.0])
 def test_a_slip_of_the_loop_is_repaired_and_reported(slipped_cyc, takes_s, cn0_dbhz):
-    """The signal walks away from the loop by half cycles, as fast as loops of 6 to 15 Hz slip."""
+    # The signal walks away from the loop by half cycles, as fast as loops of 6 to 15 Hz slip.
     takes_s *= abs(slipped_cyc) / 0.5
 
     def beside_cyc(t):
@@ -150,10 +150,8 @@ def test_a_slip_in_an_omitted_row_is_reported_in_the_next():
 
 @pytest.mark.parametrize("jump_cyc", [0.25, 0.3])
 def test_a_jump_that_may_be_either_is_said(jump_cyc):
-    """Half a cycle at once is a data bit, and a whole one is nothing; what lies between may be either. The loop then
-    settles at the half cycle that is nearer.
-    """
-
+    # Half a cycle at once is a data bit, and a whole one is nothing; what lies between may be either. The loop then
+    # settles at the half cycle that is nearer.
     def beside_cyc(t):
         settled = 0.5 if jump_cyc > 0.25 else 0.0
         return np.where(t > 4.067, settled + (jump_cyc - settled) * np.exp(-np.maximum(t - 4.067, 0.0) / 0.03), 0.0)
@@ -165,7 +163,7 @@ def test_a_jump_that_may_be_either_is_said(jump_cyc):
 
 
 def test_signals_that_fade_at_once_have_not_jumped():
-    """From 42 to 24 dB-Hz within a block: what noise does then must not look like samples that are missing."""
+    # From 42 to 24 dB-Hz within a block: what noise does then must not look like samples that are missing.
     strong = rows_of(np.random.default_rng(9), 42.0, 20)
     noise = rows_of(np.random.default_rng(10), -100.0, 20)
     faded = (strong - noise) * 10.0**-0.9 + noise

@@ -49,7 +49,7 @@ def test_taps_show_the_correlation_function_on_the_real_axis(clean):
 
 
 def test_taps_of_looks_stand_at_their_times_and_show_the_same(clean):
-    """A signal's looks, by themselves, average to what all the time shows, and lie evenly over the receiver's time."""
+    # A signal's looks, by themselves, average to what all the time shows, and lie evenly over the receiver's time.
     further = {"further_taps_chips": (0.5, -0.5), "sats": ("G05", "G10")}
     planes = clean.planes[:, : int(3.05 * clean.samples.rate_hz)]
     shapes = []
@@ -92,7 +92,7 @@ def test_messages_of_one_satellite_are_compared():
 
 
 def test_what_tells_no_time_or_does_not_last_has_no_direction():
-    """A jammer's wave can be followed as a code, for moments, and comes from one direction like false signals."""
+    # A jammer's wave can be followed as a code, for moments, and comes from one direction like false signals.
     lasting = arc("a", 0.0)
     arcs = {
         0: replace(lasting, signal=SignalId("G01"), bit_synchronised=True),

@@ -100,7 +100,7 @@ def test_without_the_message_every_row_is_open():
 
 
 def test_a_loop_that_slips_half_a_cycle_changes_nothing():
-    """Its bits come inverted from then on, and its measured carrier is half a cycle off it: `HALF_CYCLES`."""
+    # Its bits come inverted from then on, and its measured carrier is half a cycle off it: `HALF_CYCLES`.
     turned = PERIODS >= 6000
     found = rows(Stretch(0, 5400, False), Stretch(6600, 20_000, True), turned=turned, slipped=PERIODS == 6000)
     assert not found.added.any()

@@ -242,10 +242,8 @@ HALF_A_BIT = pytest.param(26_000, marks=pytest.mark.long)
     "missing", [pytest.param(997, marks=pytest.mark.long), HALF_A_BIT, pytest.param(123_457, marks=pytest.mark.long)]
 )
 def test_missing_samples_cost_the_way_back_and_no_letter(receiver, planes, whole, missing):
-    """Signals are lost and found again, each under its name, at its new delay.
-
-    997 samples are 392 chips; 26 000 are ten code periods to the sample, which no code loop can notice.
-    """
+    # Signals are lost and found again, each under its name, at its new delay.
+    # 997 samples are 392 chips; 26 000 are ten code periods to the sample, which no code loop can notice.
     first = int(DAMAGED_S * RATE_HZ)
     heard = receive(receiver, np.delete(planes, slice(first, first + missing), axis=1))
     assert heard.signals == whole.signals

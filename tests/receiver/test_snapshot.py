@@ -44,7 +44,7 @@ def trials(rng, n, duration_s, cn0_dbhz, rate_hz=RATE_HZ):
 
 @pytest.mark.parametrize(("duration_s", "cn0_dbhz"), [(0.02, 42.0), (0.05, 38.0), (0.05, 47.0)])
 def test_errors_are_as_large_as_stated(duration_s, cn0_dbhz):
-    """30 trials: a standard deviation is good to an eighth, so that three of its sigmas are 0.4."""
+    # 30 trials: a standard deviation is good to an eighth, so that three of its sigmas are 0.4.
     code, doppler = trials(np.random.default_rng(1), 30, duration_s, cn0_dbhz)
     assert 0.6 < np.sqrt(np.mean(code**2)) < 1.4
     assert 0.6 < np.sqrt(np.mean(doppler**2)) < 1.4
@@ -52,7 +52,7 @@ def test_errors_are_as_large_as_stated(duration_s, cn0_dbhz):
 
 
 def test_samples_in_step_with_the_chips_are_reported_as_coarse():
-    """At 16/3 samples a chip every edge falls on one of three places; noise is far less than what that leaves open."""
+    # At 16/3 samples a chip every edge falls on one of three places; noise is far less than what that leaves open.
     code, _ = trials(np.random.default_rng(2), 12, 0.02, 55.0, rate_hz=5.456e6)
     assert 0.2 < np.sqrt(np.mean(code**2)) < 1.4
 

@@ -68,7 +68,7 @@ def test_memory_does_not_grow():
 
 
 def test_a_fitting_time_of_week_is_kept_without_a_message():
-    """Bits that a beat turns over at other places in each word: no subframe for longer than two."""
+    # Bits that a beat turns over at other places in each word: no subframe for longer than two.
     values = prompts(50, lead_periods=1313, cn0_dbhz=42.0)
     known = feed(values[:12_000])
     turned = np.where((np.arange(38_000) // 97) % 2, -1.0, 1.0)
@@ -98,7 +98,7 @@ def sent(bits, *, lead_periods, cn0_dbhz, rng):
 
 @pytest.mark.parametrize("cn0_dbhz", [30.0, 40.0, 50.0])
 def test_bits_that_do_not_turn_over_tell_no_start(cn0_dbhz):
-    """A message may send nothing but zeros for seconds: where its bits begin is then not seen, and not guessed."""
+    # A message may send nothing but zeros for seconds: where its bits begin is then not seen, and not guessed.
     rng = np.random.default_rng(2)
     for lead_periods in range(0, 20, 3):
         quiet, turning = np.ones(150), rng.choice([-1.0, 1.0], 150)
@@ -120,7 +120,7 @@ def test_bits_are_hardly_ever_taken_to_begin_where_they_do_not(turning, cn0_dbhz
 
 
 def test_bits_and_time_follow_the_signals_plan():
-    """A message of 100 symbols a second: nothing counts C/A's twenty milliseconds."""
+    # A message of 100 symbols a second: nothing counts C/A's twenty milliseconds.
     plan = replace(GPS_L1_CA, symbol_s=0.01)
     lead, every = 100, plan.periods_per_symbol
     values = prompts(40, lead_periods=2 * lead, cn0_dbhz=45.0).reshape(-1, 2).sum(axis=1)  # of each bit ten prompts

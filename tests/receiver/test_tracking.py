@@ -203,7 +203,7 @@ def test_double_differences_are_whole_cycles_off_the_truth(pair):
 
 
 def test_a_half_cycle_turn_is_a_slip_and_right_on_both_sides(clean, track):
-    """All samples inverted from 6.53 s on: no loop notices, but the data bits do."""
+    # All samples inverted from 6.53 s on: no loop notices, but the data bits do.
     turned = Rendered.__new__(Rendered)
     turned.__dict__ |= clean.__dict__
     turned.planes = clean.planes[:, : int(10.1 * 2.6e6)].copy()

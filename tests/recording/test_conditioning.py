@@ -79,7 +79,7 @@ def test_a_clean_front_end_is_left_alone_and_costs_nothing():
 
 @pytest.mark.parametrize("kind", ["white", "filtered", "real", "two-bit"])
 def test_lines_are_seen_in_noise_as_seldom_as_stated(kind):
-    """Filtered noise gives fewer, for where the filter stops no line is looked for; white noise as many as stated."""
+    # Filtered noise gives fewer, for where the filter stops no line is looked for; white noise as many as stated.
     rng = np.random.default_rng(3)
     trials, wanted = 150, 0.1
     low_pass = filters.firwin(63, 0.5)
@@ -172,7 +172,7 @@ def wide_lines(n, frequencies_hz, width_hz, power_over_n0_dbhz):
     ("power_dbhz", "width_hz", "together_hz", "beside"), [(60.0, 3e3, 80e3, 0.1), (50.0, 100.0, 40e3, 0.04)]
 )
 def test_wide_lines_are_not_notched_without_neighbours(power_dbhz, width_hz, together_hz, beside):
-    """Of 600 m and the strength of the true peak, in all satellites: such were taken for a second sky once."""
+    # Of 600 m and the strength of the true peak, in all satellites: such were taken for a second sky once.
     n = 400_000
     lines = wide_lines(n, 100e3 * np.arange(-4, 5), width_hz, power_dbhz)
     front = measure_front_end(recording(sky(n) + lines))

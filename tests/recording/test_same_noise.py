@@ -76,7 +76,7 @@ def test_turned_bits_hide_no_copy(share, least):
 
 @pytest.mark.parametrize("own_db", [-10.0, 0.0])
 def test_two_receivers_on_one_antenna_are_seen(own_db):
-    """Each with noise of its own, and with a carrier of its own."""
+    # Each with noise of its own, and with a carrier of its own.
     rng = np.random.default_rng(3)
     antenna = sky(rng)[0] + noise(rng)
     turn = np.exp(2j * np.pi * 90.0 * np.arange(N) / RATE_HZ)
@@ -119,7 +119,7 @@ def test_common_signals_are_no_common_noise(stronger_db, sats, bits):
 @pytest.mark.parametrize("sats", [4, 10, 20, 32])
 @pytest.mark.parametrize("bits", [1, 2, None])
 def test_no_strength_of_common_signals_is_taken_for_common_noise(sats, bits):
-    """What is left in common stays below half of what is taken to be explained."""
+    # What is left in common stays below half of what is taken to be explained.
     rng = np.random.default_rng([6, sats, bits or 0])
     for stronger_db in range(0, 31, 3):
         first, second = sky(rng, cn0_dbhz=45.0 + stronger_db, sats=sats)
@@ -145,7 +145,7 @@ def test_independent_noise_shares_nothing():
 
 @pytest.mark.long
 def test_explained_correlation_alarms_no_more_than_stated():
-    """Noise that has in common just what signals may have: at one lag, so that the bound over all lags is ample."""
+    # Noise that has in common just what signals may have: at one lag, so that the bound over all lags is ample.
     rng, wanted, cells = np.random.default_rng(8), 0.2, 512
     alarms, coefficients = 0, []
     for _ in range(60):

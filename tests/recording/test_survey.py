@@ -131,7 +131,7 @@ def counted(trials, wanted):
 
 
 def test_a_continuous_recording_has_no_gap():
-    """The bound holds; there are fewer, for neighbouring places are tested as if they were independent."""
+    # The bound holds; there are fewer, for neighbouring places are tested as if they were independent.
     assert counted(5, 1e-3)[0] == 0
 
 
@@ -165,7 +165,7 @@ def test_four_milliseconds_do_not_show_a_mirrored_spectrum():
 
 
 def test_a_sampling_clock_of_its_own_is_found():
-    """A rate stated 2 ppm too low: delays in seconds seem to grow by 2 microseconds a second."""
+    # A rate stated 2 ppm too low: delays in seconds seem to grow by 2 microseconds a second.
     samples, heard = recorded(2.6e6, duration_s=0.3)
     coupled = survey_recorder(samples, 0.0, heard)
     assert abs(coupled.clock_minus_lo_ppm) < 4.0 * coupled.clock_minus_lo_sigma_ppm

@@ -30,7 +30,7 @@ def test_at_zero_it_shows_the_offset_asked_for(kind):
 
 
 def test_drift_asked_for_is_the_steady_frequency_at_zero():
-    """White noise comes on top: without it, the frequencies at zero of many clocks are what was asked for."""
+    # White noise comes on top: without it, the frequencies at zero of many clocks are what was asked for.
     walk = Oscillator(walk_hz=1e-20)
     drifts = np.array([make_clock(walk, 0.0, 1e-6, seed=seed).drift(0.0) for seed in range(30)])
     # what is left is the mean over the two steps around zero
@@ -87,7 +87,7 @@ def test_time_that_it_shows_and_true_time_undo_each_other():
 
 
 def test_a_fast_oscillator_counts_more_than_true_seconds():
-    """The convention of `Receiver.lo_ppm`: true minus elapsed is minus the elapsed time times p / (1 + p)."""
+    # The convention of `Receiver.lo_ppm`: true minus elapsed is minus the elapsed time times p / (1 + p).
     fast = 100e-6  # as much as a scene may ask for
     plain = make_clock("perfect", 0.5, fast, duration_s=100.0)
     elapsed_s = np.array([0.0, 1.0, 50.0])
@@ -97,7 +97,7 @@ def test_a_fast_oscillator_counts_more_than_true_seconds():
 
 @pytest.mark.parametrize("kind", NOISY)
 def test_allan_deviation_is_that_of_the_class(kind):
-    """Two-sided: mean variances of 12 clocks over 250 s against theory, from two knots to 50 s."""
+    # Two-sided: mean variances of 12 clocks over 250 s against theory, from two knots to 50 s.
     t_s = np.arange(0.0, 250.0, STEP_S)
     runs = [make_clock(kind, 0.0, 0.0, seed=seed, duration_s=250.0).offset_s(t_s) for seed in range(12)]
     factors = [2, 16, 128, 1024, 12800]

@@ -211,7 +211,7 @@ RECORDERS = {
 
 @pytest.mark.parametrize("front_end", RECORDERS.values(), ids=RECORDERS)
 def test_the_recorders_gain_and_loss_match_quantised_samples(navigation: NavigationData, front_end: FrontEnd) -> None:
-    """Under a broadband jammer as strong as the noise, which shifts both."""
+    # Under a broadband jammer as strong as the noise, which shifts both.
     jammer = Interference(
         kind="noise", transmit=ScenePlace(lat_deg=40.01, lon_deg=-3.0, height_m=700.0), power_db=0.0, onset_s=-1.0
     )
@@ -299,7 +299,7 @@ def test_means_are_those_of_samples_without_noise(
 def test_other_satellites_are_the_noise_that_they_are_said_to_be(
     navigation: NavigationData, scenario: Scenario
 ) -> None:
-    """What a whole sky adds to correlations of a millisecond, over its signals and many instants."""
+    # What a whole sky adds to correlations of a millisecond, over its signals and many instants.
     clean = scenario.model_copy(update={"duration_s": 0.2, "attacks": (), "front_end": FILTERED})
     scene = make_scene(clean, navigation)
     tracked = align_channels(scene, 0)
@@ -346,7 +346,7 @@ def test_truth_is_attached(navigation: NavigationData) -> None:
 
 
 def test_replicas_may_stand_anywhere(navigation: NavigationData) -> None:
-    """A replica moved later and higher sees everything earlier and lower."""
+    # A replica moved later and higher sees everything earlier and lower.
     scene = overlapping(navigation, FILTERED)
     carrier_hz = scene.skies[0].signal.carrier_hz
     moved = align_channels(scene, 0, [0]).move(code_s=0.25 / 1.023e6, doppler_hz=12.0, carrier_hz=carrier_hz)
@@ -392,7 +392,7 @@ def test_a_triangle_without_a_filter_and_less_with_one() -> None:
 
 @pytest.mark.parametrize("kind", ["filtered", "chips"])
 def test_channels_on_one_replica_hear_one_noise(navigation: NavigationData, kind: Replica) -> None:
-    """Three hypotheses of one signal: two in one place, one three taps later; many taps, and so nearly singular."""
+    # Three hypotheses of one signal: two in one place, one three taps later; many taps, and so nearly singular.
     scene = overlapping(navigation, FILTERED)
     for columns in ([0, 0], [0, 0, 0]):
         shift_chips = np.array([0.0, 0.0, 0.15])[: len(columns)]
@@ -415,7 +415,7 @@ def test_channels_on_one_replica_hear_one_noise(navigation: NavigationData, kind
 
 
 def test_the_short_way_for_two_channels_is_the_long_one(navigation: NavigationData) -> None:
-    """Without Doppler taps two channels' noise is drawn by other steps: the same law."""
+    # Without Doppler taps two channels' noise is drawn by other steps: the same law.
     scene = overlapping(navigation, FILTERED)
     draws = 20_000
     found = []

@@ -154,7 +154,7 @@ def test_sigmf_is_what_an_independent_reader_takes_for_it(
 def test_annotations_stand_where_the_first_wave_arrives(
     arrays: Scenario, navigation: NavigationData, tmp_path: Path
 ) -> None:
-    """By samples of the receiver's own clock: 12.3 us late it begins, and a wave takes under a microsecond."""
+    # By samples of the receiver's own clock: 12.3 us late it begins, and a wave takes under a microsecond.
     scene = make_scene(arrays, navigation)
     write_samples(scene, tmp_path, "sigmf")
     annotations = json.loads((tmp_path / "one.l.sigmf-meta").read_text())["annotations"]
@@ -315,7 +315,7 @@ def test_the_truth_of_arrays_clocks_and_interference(
 
 
 def test_a_takeover_shows_its_target_no_extra_clock(scenario: Scenario, navigation: NavigationData) -> None:
-    """It sends as much earlier as the way takes; at another receiver the difference of the ways is left."""
+    # It sends as much earlier as the way takes; at another receiver the difference of the ways is left.
     takeover = Takeover(
         transmit=Site(lat_deg=40.003, lon_deg=-3.0, height_m=680.0),
         target="two",

@@ -320,7 +320,7 @@ def test_grades_are_the_papers_table_in_si_units():
 
 @pytest.mark.parametrize("name", ["navigation", "tactical"])
 def test_noise_density_is_the_grades(name):
-    """White noise alone stands at 0.02 to 0.5 s; counts in the limits of each axis and seed, two-sided."""
+    # White noise alone stands at 0.02 to 0.5 s; counts in the limits of each axis and seed, two-sided.
     grade = replace(GRADES[name], accelerometer_instability_m_s2=0.0, gyro_instability_rad_s=0.0)
     rate_hz, factors = 100.0, [1, 7, 50]
     runs = np.stack([errors(grade, rate_hz, 3000, seed) for seed in range(25)])
@@ -340,7 +340,7 @@ def test_noise_density_is_the_grades(name):
 
 @pytest.mark.parametrize("name", list(GRADES))
 def test_allan_deviation_with_instability_is_the_grades(name):
-    """From 10 s to 2000 s, where the instability stands out of the noise; mean variances of 40 units, two-sided."""
+    # From 10 s to 2000 s, where the instability stands out of the noise; mean variances of 40 units, two-sided.
     grade, rate_hz, factors = GRADES[name], 0.5, [5, 50, 280, 1000]
     runs = np.stack([errors(grade, rate_hz, 5000, seed) for seed in range(40)])
     phase = np.concatenate([np.zeros((40, 1, 6)), np.cumsum(runs, axis=1) / rate_hz], axis=1)
@@ -414,7 +414,7 @@ def test_constant_errors_have_the_stated_spread():
 
 
 def test_errors_grow_as_the_closed_forms_predict():
-    """Velocity random walk q gives q sqrt(t^3 / 3) of position; of 300 axes, two-sided."""
+    # Velocity random walk q gives q sqrt(t^3 / 3) of position; of 300 axes, two-sided.
     grade = replace(GRADES["tactical"], accelerometer_instability_m_s2=0.0)
     drift_m = [
         np.cumsum(np.cumsum(errors(grade, 10.0, 1000, seed)[:, :3], axis=0) / 10.0, axis=0)[-1] / 10.0

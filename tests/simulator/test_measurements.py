@@ -23,7 +23,7 @@ def scene(scenario: Scenario, navigation: NavigationData) -> Scene:
 
 
 def test_pseudoranges_are_on_the_receivers_own_clock(scene: Scene) -> None:
-    """What the clock shows minus what the code shows, worked out from an epoch's label and nothing else."""
+    # What the clock shows minus what the code shows, worked out from an epoch's label and nothing else.
     (observed, _), _ = draw(make_ideal_measurements(scene), rng=np.random.default_rng(1), noise=SILENT)
     sky = scene.skies[0]
     epoch = 10

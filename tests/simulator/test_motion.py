@@ -91,7 +91,7 @@ def test_velocity_integrates_to_the_place_to_a_micrometre(trajectory):
 
 @ALL
 def test_rates_are_those_of_the_attitude(trajectory):
-    """C' = C [w x], with C' from values half a millisecond apart; angular acceleration adds up to the rate."""
+    # C' = C [w x], with C' from values half a millisecond apart; angular acceleration adds up to the rate.
     t_s, half_s = np.linspace(0.25, 239.0, 1201), 2.5e-4
     motion = trajectory.at(t_s)
     change = (trajectory.at(t_s + half_s).attitude - trajectory.at(t_s - half_s).attitude) / (2.0 * half_s)
@@ -113,8 +113,7 @@ def test_attitude_is_a_rotation(trajectory):
 @pytest.mark.parametrize("name", ["acceleration_ecef_m_s2", "angular_acceleration_body_rad_s2"])
 @pytest.mark.parametrize("trajectory", [EVERY["way points"], EVERY["way points, level nose"]], ids=["wide", "narrow"])
 def test_accelerations_are_continuous(trajectory, name):
-    """Twice as many moments, half as large the greatest change: a jump would stay as large."""
-
+    # Twice as many moments, half as large the greatest change: a jump would stay as large.
     def greatest(n):
         return np.abs(np.diff(getattr(trajectory.at(np.linspace(0.0, 240.0, n + 1)), name), axis=0)).max()
 
@@ -433,7 +432,7 @@ def test_a_standing_body_turns_smoothly_to_its_next_heading():
 
 
 def test_a_standing_body_turns_to_the_nearer_side_over_north():
-    """It comes in 10 degrees west of north, stands, and leaves 10 degrees east of north."""
+    # It comes in 10 degrees west of north, stands, and leaves 10 degrees east of north.
     east_m = 500.0 * np.tan(np.radians(10.0))
     t_s = np.arange(0.0, 120.0, 0.5)
     first = make_way_points(ecef_from_enu([[0, 0, 0], [-east_m, 500, 0]], HOME), 15.0).at(t_s).position_ecef_m

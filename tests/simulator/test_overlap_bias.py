@@ -43,7 +43,7 @@ def scene_with(
 def test_a_short_reflection_pulls_as_the_envelope_says(
     navigation: NavigationData, turn_deg: float, sign: float
 ) -> None:
-    """Sharp chips, delay below half the spacing: error a d / (1 + a), Kaplan and Hegarty, 9.5; the phase stays."""
+    # Sharp chips, delay below half the spacing: error a d / (1 + a), Kaplan and Hegarty, 9.5; the phase stays.
     delay_m, amplitude = 15.0, 10.0 ** (-6.0 / 20.0)
     turn_cyc = delay_m * L1_HZ / SPEED_OF_LIGHT_M_S  # what the way itself turns, taken off
     ray = Multipath(delay_m=delay_m, power_db=-6.0, phase_deg=360.0 * (turn_cyc % 1.0) + turn_deg)

@@ -460,7 +460,7 @@ def test_likeness_1_switches_from_the_sky_to_the_spoofer() -> None:
 
 @pytest.mark.parametrize("number", [7, 8])
 def test_likenesses_7_and_8_push_all_satellites_at_1_2_m_s(number: int) -> None:
-    """`test_seamless_takeover` measures them."""
+    # `test_seamless_takeover` measures them.
     the_scene = scene(f"texbat-like-{number}")
     sky, scenario = the_scene.skies[0], the_scene.scenario
     assert scenario.duration_s == 468.0

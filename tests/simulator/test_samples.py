@@ -186,7 +186,7 @@ def few_satellites(scenario: Scenario, navigation: NavigationData, front_end: Fr
 def test_the_carrier_to_noise_density_is_as_asked(
     scenario: Scenario, navigation: NavigationData, front_end: FrontEnd, loss_db: float
 ) -> None:
-    """Losses of quantisation: 2 / pi for one bit, 0.55 dB for two (Max, 1960)."""
+    # Losses of quantisation: 2 / pi for one bit, 0.55 dB for two (Max, 1960).
     scene = few_satellites(scenario, navigation, front_end)
     assert 1 <= len(scene.skies[0].signals) <= 3
     rate_hz, count = front_end.rate_hz, int(0.2 * front_end.rate_hz)

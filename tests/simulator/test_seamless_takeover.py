@@ -140,7 +140,7 @@ def test_samples_hold_nothing_false_until_110_s() -> None:
 
 
 def test_every_stage_of_the_recipe_is_in_the_samples() -> None:
-    """The false signal's amplitude to 0.3 %, its phase to 0.2 degrees, its code to 5 cm."""
+    # The false signal's amplitude to 0.3 %, its phase to 0.2 degrees, its code to 5 cm.
     found = [compared(7, at_s) for at_s in STAGES_S]
     at_s = np.array(STAGES_S)
     assert [item.amplitude for item in found] == pytest.approx(published_amplitude(at_s), rel=3e-3)
@@ -149,7 +149,7 @@ def test_every_stage_of_the_recipe_is_in_the_samples() -> None:
 
 
 def test_the_stages_begin_and_end_where_they_should() -> None:
-    """Corners of amplitude and code at 130, 150 and 400 s, none of them rounded."""
+    # Corners of amplitude and code at 130, 150 and 400 s, none of them rounded.
     corners_s = np.array([129.5, 130.5, 149.5, 150.5, 399.5, 400.5])
     found = [compared(7, at_s) for at_s in corners_s]
     assert [item.amplitude for item in found] == pytest.approx([1.99846, 2.0, 2.0, 1.998, 1.002, 1.0], abs=1e-3)
@@ -212,7 +212,7 @@ def correlators(number: int, at_s: Reals, *sats: str, attacked: bool = True) -> 
     ],
 )
 def test_correlators_of_every_satellite_see_one_takeover(number: int, sats: tuple[str, ...]) -> None:
-    """Amplitude, phase and delay of what they have over a clean sky's; guesses cost ds8 half a percent at most."""
+    # Amplitude, phase and delay of what they have over a clean sky's; guesses cost ds8 half a percent at most.
     at_s = np.array(STAGES_S)
     clean = correlators(number, at_s, *sats, attacked=False).mean[:, :, 0]
     false = correlators(number, at_s, *sats).mean[:, :, 0] - clean
@@ -245,7 +245,7 @@ def likeness(false: Complexes, true: Complexes, near_m: float) -> Copy:
 
 
 def test_the_sum_shows_nothing_but_its_turn_until_150_s() -> None:
-    """C/N0 and shape, that is delay, of every satellite's correlation stay; its carrier turns by 0.025 Hz and stops."""
+    # C/N0 and shape, that is delay, of every satellite's correlation stay; its carrier turns by 0.025 Hz and stops.
     at_s = np.arange(110.05, 149.96, 0.7)
     clean = correlators(7, at_s, "G05", "G27", attacked=False).mean[:, :, 0]
     both = correlators(7, at_s, "G05", "G27").mean[:, :, 0]
@@ -258,7 +258,7 @@ def test_the_sum_shows_nothing_but_its_turn_until_150_s() -> None:
 
 
 def test_codes_are_dragged_evenly_and_carriers_are_not() -> None:
-    """By the truth that is attached to correlators."""
+    # By the truth that is attached to correlators.
     at_s = np.linspace(150.1, 467.9, 60)
     parts = correlators(7, at_s, "G04", "G30").parts
     false = [part for part, label in enumerate(parts.label) if label == "spoofed"]
@@ -285,7 +285,7 @@ def bit_edges_s(of: Scene, sat: str, from_s: float, until_s: float) -> Reals:
 
 
 def test_guesses_are_wrong_for_50_us_after_bits_begin_only() -> None:
-    """Over 0.2 s of samples while the false signal is antipodal: where it is the true one's like, a guess is wrong."""
+    # Over 0.2 s of samples while the false signal is antipodal: where it is the true one's like, a guess is wrong.
     from_s, count = 140.0, round(0.2 * RATE_HZ)
     true, false = true_and_false(8, from_s, count)
     wrong = (false * true.conj()).real > 0.0
@@ -317,7 +317,7 @@ def guessed_wrong(sat: str, from_s: float, until_s: float) -> Booleans:
 
 
 def test_guesses_are_a_coins_throws() -> None:
-    """Wrong in half of all bits, neither alike from bit to bit nor from satellite to satellite."""
+    # Wrong in half of all bits, neither alike from bit to bit nor from satellite to satellite.
     wrong = [guessed_wrong(sat, 151.0, 171.0)[:999] for sat in ("G05", "G06", "G27")]
     assert all(abs(np.mean(item) - 0.5) < 4.0 * 0.5 / np.sqrt(item.size) for item in wrong)
     pairs = [
@@ -369,11 +369,9 @@ def test_correlators_one_by_one_are_those_of_all_at_once() -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("number", [7, 8])
 def test_recorded_samples_show_no_change_of_power_until_150_s(number: int) -> None:
-    """As a receiver has them, with noise and two bits: 0.4 s at a time.
-
-    The power of the samples, and the amplitude of each correlation with the true signal, stay within what noise allows
-    them; the carriers turn by half a cycle.
-    """
+    # As a receiver has them, with noise and two bits: 0.4 s at a time.
+    # The power of the samples, and the amplitude of each correlation with the true signal, stay within what noise
+    # allows them; the carriers turn by half a cycle.
     of = scene(number)
     (samples,) = render_samples(of.scenario, make_navigation(of.scenario))
     sky, count = of.skies[0], round(0.4 * RATE_HZ)

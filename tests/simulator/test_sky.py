@@ -118,7 +118,7 @@ def test_a_copy_is_as_strong_as_asked_and_fades_with_distance(scenario: Scenario
 
 
 def test_a_spoofer_shows_its_false_place_and_clock(scenario: Scenario, navigation: NavigationData) -> None:
-    """What reaches the receiver is what a receiver at the false place hears, later by the way and the false clock."""
+    # What reaches the receiver is what a receiver at the false place hears, later by the way and the false clock.
     shows = ScenePlace(lat_deg=40.3, lon_deg=-3.2, height_m=900.0)
     spoofer = Spoofer(transmit=scenario.attacks[0].transmit, shows=shows, clock_offset_s=-2.5e-3)
     scene = make_scene(scenario.model_copy(update={"attacks": (spoofer,)}), navigation)

@@ -20,7 +20,7 @@ def test_every_noisy_oscillator_and_both_sensors_are_measured(found):
 
 
 def test_deviations_agree_with_theory_within_their_own_spread(found):
-    """90 % limits: about a tenth of the points lie outside, and hardly any by more than twice the limits' width."""
+    # 90 % limits: about a tenth of the points lie outside, and hardly any by more than twice the limits' width.
     inside = np.concatenate([(item.lower <= item.theory) & (item.theory <= item.upper) for item in found])
     assert inside.mean() > 0.75
     for item in found:

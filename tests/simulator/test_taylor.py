@@ -29,7 +29,7 @@ def test_the_reciprocal_root_of_a_square_is_the_geometric_series():
 
 
 def test_sine_and_cosine_of_a_square():
-    """sin(a + t^2) and cos(a + t^2), by their own series in t^2."""
+    # sin(a + t^2) and cos(a + t^2), by their own series in t^2.
     sine, cosine = compute_sine_cosine(0.5 * ONE + multiply(T, T))
     s, c = np.sin(0.5), np.cos(0.5)
     np.testing.assert_allclose(sine[:, 0], [s, 0, c, 0, -s / 2], atol=1e-15)

@@ -65,7 +65,7 @@ def test_where_it_is_said_in_three_ways(scene: Scene) -> None:
 
 @pytest.mark.parametrize("name", ["one", "two"])
 def test_the_clock_is_what_the_sampling_clock_counts(scene: Scene, name: str) -> None:
-    """What it shows at a row is what it showed at the first sample, and what has been counted since."""
+    # What it shows at a row is what it showed at the first sample, and what has been counted since.
     table = next(iterate_trajectory_blocks(scene, name, 10_000.0))
     receiver = next(sky.receiver for sky in scene.skies if sky.receiver.name == name)
     shown_s = receiver.start_offset_s + receiver.clock_offset_s + table["elapsed_s"]
@@ -77,7 +77,7 @@ def test_the_clock_is_what_the_sampling_clock_counts(scene: Scene, name: str) ->
 
 @pytest.mark.parametrize("antenna", ["one", "two.l", "two.r"])
 def test_signals_are_what_is_measured_without_noise(scene: Scene, antenna: str) -> None:
-    """Measurements are means over a second, which a steady acceleration moves by less than a tenth of a metre."""
+    # Measurements are means over a second, which a steady acceleration moves by less than a tenth of a metre.
     table = compute_signal_truth(scene, antenna)
     (geometry,) = (measurement for measurement in make_ideal_measurements(scene) if measurement.receiver == antenna)
     compared = 0
@@ -169,7 +169,7 @@ def test_labels_keep_a_nanosecond_and_true_s_the_rest(scene: Scene) -> None:
 
 
 def test_an_inertial_unit_feels_gravity_and_the_turn(scene: Scene) -> None:
-    """8 m/s round 40 m: 1.6 m/s2 to the right, which the bank takes up; the unit's x axis points to the right."""
+    # 8 m/s round 40 m: 1.6 m/s2 to the right, which the bank takes up; the unit's x axis points to the right.
     imus = simulate_imus(scene)
     assert set(imus) == {"two"}
     table = {name: column for block in iterate_imu_blocks(scene, imus["two"]) for name, column in block.items()}

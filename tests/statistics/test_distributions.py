@@ -62,7 +62,7 @@ def test_the_noncentral_chi_square_tail_keeps_its_digits(dof, noncentrality, sig
 
 
 def test_the_noncentral_chi_square_tail_is_that_of_sixty_digits():
-    """Of an even number of degrees the central tail is a finite sum, e^-h (1 + h + h^2 / 2 ...) with h = x / 2."""
+    # Of an even number of degrees the central tail is a finite sum, e^-h (1 + h + h^2 / 2 ...) with h = x / 2.
     for x, dof, noncentrality in ((300, 10, 5), (1200, 160, 90), (1, 2, 8)):
         with localcontext() as context:
             context.prec = 60

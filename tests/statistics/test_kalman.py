@@ -14,7 +14,7 @@ def problem(rng, n=5, m=3):
 
 
 def test_it_is_weighted_least_squares_of_state_and_measurements():
-    """The state before is one more measurement: normal equations in information form."""
+    # The state before is one more measurement: normal equations in information form.
     p, h, r, y = problem(np.random.default_rng(1))
     information = np.linalg.inv(p) + h.T @ np.linalg.inv(r) @ h
     update = kalman_update(p, h, r, y)
@@ -55,7 +55,7 @@ def test_leading_axes_are_problems_of_their_own():
 
 
 def test_a_gain_of_other_assumptions_has_its_true_covariance():
-    """Counted: errors of a gain that was computed from the wrong covariances."""
+    # Counted: errors of a gain that was computed from the wrong covariances.
     rng = np.random.default_rng(6)
     p, h, r, _ = problem(rng)
     state = rng.multivariate_normal(np.zeros(5), p, size=20_000)

@@ -147,7 +147,7 @@ def test_the_page_names_code_that_no_command_reaches() -> None:
 
 
 def test_what_no_command_reaches_stands_in_studies() -> None:
-    """But for the contract until 0.3."""
+    # But for the contract until 0.3.
     offered = {"detectors.base": ("missing", "undecided")}
     assert list_unreached() == offered
 

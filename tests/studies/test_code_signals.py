@@ -54,11 +54,9 @@ def test_the_better_bands_signal_of_each_satellite_is_chosen():
 
 @pytest.mark.shared_data
 def test_codes_of_every_system_fit_a_place_with_their_clock(shared_data):
-    """Orbits, clocks, group delays, time scales and names of signals have to be right for all five at once.
-
-    What is left is multipath and half of the ionosphere: the bound is that of code on one frequency, and GLONASS, with
-    chips twice as long and clocks half as good, has twice as much.
-    """
+    # Orbits, clocks, group delays, time scales and names of signals have to be right for all five at once.
+    # What is left is multipath and half of the ionosphere: the bound is that of code on one frequency, and GLONASS,
+    # with chips twice as long and clocks half as good, has twice as much.
     folder = shared_data / "real" / "rinex-mosaic-1m"
     navigation = read_nav(folder / "base.nav")
     seen = read_obs(folder / "base.obs", glonass_channels=get_glonass_channels(navigation)).observations

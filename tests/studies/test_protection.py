@@ -256,7 +256,7 @@ def test_clean_hours_add_up_and_false_alarms_bound_their_rate(tmp_path, monkeypa
 @pytest.mark.long
 @pytest.mark.parametrize("equipments", [("one receiver",), ("three antennas",)])
 def test_reflections_far_larger_than_stated_are_no_attack(equipments, tmp_path):
-    """Four reflections of up to 190 m of a receiver that drives in a circle: its position jumps by 50 m and back."""
+    # Four reflections of up to 190 m of a receiver that drives in a circle: its position jumps by 50 m and back.
     (row,) = make_rows(clean.clean_sky(1, 47), equipments, tmp_path)
     assert row["verdict"] == "suspect"
     assert (row["false_alarms"], row["wrong_labels"], row["wrong_fixes"]) == (0, 0, 0)

@@ -471,7 +471,7 @@ def test_another_attack_looks_alike_and_spares_the_suspect():
 @pytest.mark.long
 @pytest.mark.parametrize(("sums", "excess"), [(1, 1.4), (5, 1.15), (50, 1.0)])
 def test_parity_tails_in_a_million_draws(sums, excess):
-    """`excess` : by how much more a p-value of 1e-4 may come, since code and phase are not independent."""
+    # `excess` : by how much more a p-value of 1e-4 may come, since code and phase are not independent.
     trials = 1_000_000
     u, q = draw_discriminators(
         np.random.default_rng(30), trials, float(laws.prompt_amplitude(40, sums)), NOBODY, NOBODY

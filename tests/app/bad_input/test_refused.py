@@ -172,7 +172,7 @@ def test_a_navigation_file_that_is_not_there_is_refused(run, pair, tmp_path):
     ],
 )
 def test_receivers_recorded_at_different_times_are_refused(run, pair, later, tmp_path, date):
-    """By the signals' own time: a recorder's date may be wrong, and may hide it."""
+    # By the signals' own time: a recorder's date may be wrong, and may hide it.
     other = later.paths[1] if date is None else copied(later.paths[1], tmp_path, start_gpst=date)
     ended = run(pair.paths[0], other, nav=pair.nav)
     assert_refused(
@@ -222,7 +222,7 @@ def test_a_navigation_file_of_an_unknown_week_is_refused(run, tmp_path):
 
 @pytest.mark.usefixtures("untracked")
 def test_one_recording_given_twice_is_refused(run, pair, tmp_path):
-    """It would look like one antenna that feeds both."""
+    # It would look like one antenna that feeds both.
     first = pair.paths[0]
     link = tmp_path / "linked.bin"
     link.symlink_to(first)
@@ -275,7 +275,7 @@ def test_a_recording_of_any_name_is_read_and_named_legibly(run, wide, tmp_path):
 
 
 def test_a_run_without_a_possible_test_is_an_error_with_advice(run, pair, tmp_path):
-    """Whatever it were called, somebody would take it for a test that passed."""
+    # Whatever it were called, somebody would take it for a test that passed.
     short = [copied(path, tmp_path, n_bytes=3 * 650_000) for path in pair.paths]
     ended = run(*short, nav=pair.nav)
     assert_refused(ended, short[0], "10 signals", "of week", "3.0 s", "12 s", str(short[1]))

@@ -143,7 +143,7 @@ def test_each_receiver_has_the_place_where_it_was_surveyed():
     st.integers(0, 3),
 )
 def test_without_a_place_the_covariance_holds_the_true_one(offsets, where):
-    """The body is at one of the places that signals show: there its attitude is as far off as the sigma allows."""
+    # The body is at one of the places that signals show: there its attitude is as far off as the sigma allows.
     places = [away(*offset) for offset in offsets]
     true = places[where % len(places)]
     state, _ = body_state(body(platform(attitude=stated())), window(0.0, 10.0, *places), Carried())

@@ -77,7 +77,7 @@ def test_only_jobs_with_missing_kernels_run_with_progress(monkeypatch, processes
 
 
 def test_for_a_few_missing_kernels_no_job_is_begun(monkeypatch, processes):
-    """Else a kernel that no job makes would be waited for in each run."""
+    # Else a kernel that no job makes would be waited for in each run.
     missing(monkeypatch, "receiver", share=0.4)
     progress = Watched()
     make_ready(RECEIVING, progress)
@@ -134,7 +134,7 @@ def test_every_job_is_one_that_can_be_done():
 @pytest.mark.long
 @pytest.mark.parametrize("job", JOBS)
 def test_a_job_compiles_all_kernels_of_its_modules(job, tmp_path):
-    """From nothing, in a copy of the package: else each run would begin it again."""
+    # From nothing, in a copy of the package: else each run would begin it again.
     source = Path(skyproof.__file__).parent
     shutil.copytree(source, tmp_path / "skyproof", ignore=shutil.ignore_patterns("*.nbi", "*.nbc", "__pycache__"))
     environment = os.environ | {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "kept")}

@@ -96,7 +96,7 @@ def test_windows_hold_five_epochs_or_more_at_any_interval(step_s, window_s):
 
 
 def test_each_correlator_snapshot_is_in_exactly_one_window():
-    """Looks lie to both sides of the epoch whose block they belong to; where the clock's label steps they go along."""
+    # Looks lie to both sides of the epoch whose block they belong to; where the clock's label steps they go along.
     observations = (
         MeasuredScene(epochs=40, antennas_enu_m={"rx1": (0.0, 0.0, 0.0)})
         .records(np.random.default_rng(1))
@@ -183,7 +183,7 @@ def test_a_pause_of_years_is_one_window(pause):
 
 
 def test_grids_give_the_level_between_the_signals():
-    """In place of a front end's readings; the mean of the signals at each instant, NaN where none is measured."""
+    # In place of a front end's readings; the mean of the signals at each instant, NaN where none is measured.
     o = MeasuredScene(epochs=4).records(np.random.default_rng(1)).observations[0]
     n = len(o.signals)
     noise = np.full((4, n), 10.0)

@@ -63,7 +63,7 @@ def test_without_knowledge_of_a_receiver_no_sky_is_chosen():
 
 
 def test_positions_stay_consistent_until_a_test_fails():
-    """With nothing known of the receiver nothing carries them on."""
+    # With nothing known of the receiver nothing carries them on.
     found = judged(led_away(), Settings())
     assert set(found.kind) == {"consistent"}
     assert 25.0 < found.at_s.max() < 35.0  # the onset
@@ -133,7 +133,7 @@ def test_a_car_with_an_inertial_unit_chooses_and_coasts():
 
 
 def test_inertia_is_corrected_until_a_test_fails():
-    """Of a pull after minutes the navigator knows more than that of a clean start of 30 s, which is 250 m off."""
+    # Of a pull after minutes the navigator knows more than that of a clean start of 30 s, which is 250 m off.
     onset_s = 157.0
     scene = led_away(
         path=ZIGZAG, imu={"grade": "tactical", "rate_hz": 50.0}, onset_s=onset_s, duration_s=200.0, speed_m_s=5.0

@@ -107,7 +107,7 @@ class Heard:
 
 @pytest.mark.parametrize("cuts", [(12,), (5, 12), (3, 7, 12)])
 def test_fixes_of_overlapping_skies_correct_the_unit_once(cuts):
-    """Two are after the last trusted fix; the one before it comes too late to tell anything."""
+    # Two are after the last trusted fix; the one before it comes too late to tell anything.
     good = [True] * 4 + [False] * 8
     whole, heard = fix_at(good), Heard()
     times = [LABELS[k] + np.timedelta64(500, "ms") for k in (1, 5, 8)]

@@ -96,7 +96,7 @@ def test_what_is_not_as_stated_is_told_and_makes_no_wrong_word(name, stated, fil
 
 
 def test_one_transmitter_alone_does_not_show_where_antennas_are(tmp_path):
-    """Its noise drowns the true ones. No test can: an antenna elsewhere with another line has the same phases."""
+    # Its noise drowns the true ones. No test can: an antenna elsewhere with another line has the same phases.
     scene, platform = made("starts-spoofed", tmp_path, elements_off, power_db=20.0, noise_db=15.0)
     result = protect(nav=tmp_path / "broadcast.rnx", platform=platform, out=tmp_path / "out")
     row = score(scene, result.verdict, result.outcome)

@@ -126,7 +126,7 @@ def test_receivers_of_any_clock_and_rate_on_one_antenna_are_one():
 
 @pytest.mark.long
 def test_a_jammer_that_two_antennas_hear_does_not_make_them_one():
-    """Its noise is four times the receivers' own; but the satellites' signals are not as late as it is."""
+    # Its noise is four times the receivers' own; but the satellites' signals are not as late as it is.
     pair = Pair(FrontEnd(encoding="float", bits=32))
     first, second = ((planes[0] + 1j * planes[1]).astype(np.complex64) for planes in pair.planes)
     plain = pair.heard(planes_of(first)).observations, pair.heard(planes_of(second)).observations

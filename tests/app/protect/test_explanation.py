@@ -63,7 +63,7 @@ def failed(because: str) -> Finding:
 
 @pytest.mark.parametrize("repeats", [False, True])
 def test_odd_signals_are_told_beside_a_failed_test(repeats: bool) -> None:
-    """Also where a detector's own sentence holds the same words."""
+    # Also where a detector's own sentence holds the same words.
     words = describe_unexplained((ODD,))
     found = outcome(received(), failed(f"as {words} say" if repeats else "ranges differ"))
     why = explain_word(found)
@@ -79,7 +79,7 @@ def test_odd_signals_are_told_once_where_they_are_the_reason() -> None:
 
 
 def test_a_remark_is_told_whatever_it_begins_with() -> None:
-    """Why a receiver is left out is told once, and is no remark of its own."""
+    # Why a receiver is left out is told once, and is no remark of its own.
     remark = "left out: 7 cells"
     result = why_untested(outcome(received((remark,), "deaf")))
     assert result == f"bow: deaf; {remark}"

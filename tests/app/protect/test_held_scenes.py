@@ -28,7 +28,7 @@ def behind_drawn_correlators(held, name, folder):
 
 @pytest.mark.parametrize("name", ["texbat-like-4", "texbat-like-5", "texbat-like-6"])
 def test_drawn_likenesses_are_named_and_nothing_false_is_trusted(held, name, tmp_path):
-    """The sixth pushes the position of a car of which only the oscillator is known: the false clock is the true one."""
+    # The sixth pushes the position of a car of which only the oscillator is known: the false clock is the true one.
     row = behind_drawn_correlators(held, name, tmp_path)
     print(row)
     assert row["verdict"] == "spoofed"
@@ -51,7 +51,7 @@ def test_a_roof_in_austin_that_is_drawn_off_keeps_its_place(held, tmp_path):
 
 
 def test_an_approach_at_too_low_a_rate_is_not_authentic(held, tmp_path):
-    """5 Msps part signals from 0.2 chip on: too few satellites show two for a word, and nothing false is trusted."""
+    # 5 Msps part signals from 0.2 chip on: too few satellites show two for a word, and nothing false is trusted.
     row = through_samples(held, "las-vegas", tmp_path)
     print(row)
     assert row["verdict"] in ("no_attack_seen", "suspect", "spoofed")

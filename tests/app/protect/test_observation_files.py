@@ -57,7 +57,7 @@ def test_a_clean_sky_is_authentic_in_observation_files(measured, tmp_path):
 
 @pytest.mark.parametrize("row", [31, 39])
 def test_a_jump_of_a_receiver_that_stands_is_dated_to_its_epoch(measured, tmp_path, row):
-    """All ranges jump to a place 1 km off, and the carriers slip there."""
+    # All ranges jump to a place 1 km off, and the carriers slip there.
     bow, _, navigation = measured
     place_ecef_m = np.nanmedian(fix(bow, navigation).position_ecef_m, axis=0)
     unit = build_series(bow, navigation, place_ecef_m, Limits()).unit
@@ -104,7 +104,7 @@ def test_what_comes_after_a_cut_keeps_a_clean_sky_from_authentic(measured, tmp_p
     [pytest.param(0.05, 12.0, 10.0, marks=pytest.mark.long), (30.0, 631.0, 150.0)],
 )
 def test_any_interval_and_clock_step_and_missing_column_works(tmp_path, interval_s, duration_s, window_s):
-    """One receiver sets its clock by a millisecond in the middle, and reports neither Doppler nor C/N0."""
+    # One receiver sets its clock by a millisecond in the middle, and reports neither Doppler nor C/N0.
     scenario = scenario_of(duration_s=duration_s)
     navigation = make_nominal_constellation(scenario.start_gpst)
     rng = np.random.default_rng(7)
@@ -175,7 +175,7 @@ def test_orbits_of_another_system_are_refused(measured, tmp_path):
 
 
 def test_orbits_left_out_are_named_where_none_is_left(measured, tmp_path):
-    """Dates edited by nine hours, times of ephemeris not."""
+    # Dates edited by nine hours, times of ephemeris not.
     navigation = measured[2]
     wrong = tuple(replace(e, toc=(e.toc - 32400.0) % 604800.0) for e in navigation.ephemerides)
     write_nav(tmp_path / "edited.rnx", replace(navigation, ephemerides=wrong))

@@ -49,7 +49,7 @@ def test_a_platform_file_is_all_that_a_run_needs(folder: Path, tmp_path: Path) -
 
 
 def test_signals_that_agree_on_another_place_are_not_authentic(folder: Path) -> None:
-    """Both places 200 m too far north: how the antennas stand to each other is right."""
+    # Both places 200 m too far north: how the antennas stand to each other is right.
     path = platform_of(folder)
     for place in PLACES:
         path.write_text(path.read_text().replace(f"{place.lat_deg},", f"{place.lat_deg + 1.8e-3},"))

@@ -100,7 +100,7 @@ def test_only_trusted_fixes_have_a_level_larger_for_less_risk():
 
 @pytest.mark.parametrize(("satellites", "fixes"), [(4, 0), (5, 90)])
 def test_what_no_satellite_checks_is_no_fix_to_use(satellites, fixes):
-    """One range that is wrong by a kilometre shows in no residual of four."""
+    # One range that is wrong by a kilometre shows in no residual of four.
     log = CLEAN.select_channels(range(satellites))
     labels = [label for label in decision().labels if label.ref.signal in log.signals]
     all_day = tuple(replace(label, last_epoch=89) for label in labels if label.label == "authentic")

@@ -127,7 +127,7 @@ def protect_captured(pair, shared_data, folder):
 
 
 def test_a_captured_receiver_of_few_satellites_is_open_since(shared_data, tmp_path):
-    """Seven to nine satellites whose ranges are as of one antenna: echoes in place of blocked signals may be so."""
+    # Seven to nine satellites whose ranges are as of one antenna: echoes in place of blocked signals may be so.
     result, _, rover, _, middle = protect_captured(PAIRS["3 km"], shared_data, tmp_path)
     assert result.verdict.verdict == "suspect"
     since = format_iso(rover.gpst[middle], 6)

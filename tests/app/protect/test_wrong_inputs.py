@@ -85,7 +85,7 @@ def test_a_wrong_distance_is_named(recorded, factor, code):
 
 @pytest.mark.parametrize("hours", [-1, 1, 9])
 def test_edited_dates_of_some_orbits_leave_those_out(recorded, tmp_path, hours):
-    """The times of clock of every second satellite are moved, the times of ephemeris are not."""
+    # The times of clock of every second satellite are moved, the times of ephemeris are not.
     folder, navigation = recorded
     moved = [
         replace(item, toc=item.toc + 3600.0 * hours) if number % 2 else item
@@ -116,7 +116,7 @@ def test_satellites_whose_orbits_are_not_usable_are_named(recorded, tmp_path, wr
 @pytest.mark.parametrize("who", [("bow",), ("bow", "stern")], ids=["one", "both"])
 @pytest.mark.parametrize("late_s", [0.1, 0.4, -18.0])
 def test_epoch_times_that_do_not_fit_the_ranges_are_corrected(recorded, tmp_path, late_s, who):
-    """As in UTC, which is 18 s behind GPS time."""
+    # As in UTC, which is 18 s behind GPS time.
     _, observations = kit.measured(31.0)
     paths = []
     for o in observations:

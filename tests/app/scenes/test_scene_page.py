@@ -113,7 +113,7 @@ def test_settings_show_their_units_and_unused_ones_do_not_show() -> None:
 
 
 def test_false_codes_of_a_clock_push_are_its_metres() -> None:
-    """1 microsecond is 299.8 m, whatever the geometry: the axis reaches there, and no farther than a little beyond."""
+    # 1 microsecond is 299.8 m, whatever the geometry: the axis reaches there, and no farther than a little beyond.
     scenario = simple(
         attacks=[
             {

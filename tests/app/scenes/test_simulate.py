@@ -127,7 +127,7 @@ def test_the_resolved_scenario_makes_the_same_bytes(tmp_path: Path) -> None:
 
 
 def test_observations_are_the_truth_and_noise(tmp_path: Path) -> None:
-    """Every copy in the file of its letter, with the label that it has."""
+    # Every copy in the file of its letter, with the label that it has.
     made = small(duration_s=20.0)
     result = simulate(made, out=tmp_path, depth="measurements")
     assert not list(tmp_path.glob("*.bin"))

@@ -138,7 +138,7 @@ def test_a_true_sky_is_authentic(made, stated, seed):
 
 
 def test_most_false_signals_ten_degrees_off_are_named():
-    """One in six was, as errors were counted twice; theory with all others known exactly says nine in ten."""
+    # One in six was, as errors were counted twice; theory with all others known exactly says nine in ten.
     named = []
     for seed in range(12):
         records = turning(np.random.default_rng([10, seed]), false=0, moved_rad=np.radians(10.0))
@@ -149,7 +149,7 @@ def test_most_false_signals_ten_degrees_off_are_named():
 
 @pytest.mark.parametrize("lasting_cyc", [0.0, 0.01])
 def test_errors_of_arm_and_phases_as_stated_raise_no_alarm(lasting_cyc):
-    """Each of fifty windows may alarm once in twenty."""
+    # Each of fifty windows may alarm once in twenty.
     alarms = 0
     for seed in range(50):
         rng = np.random.default_rng([20, seed])
@@ -161,7 +161,7 @@ def test_errors_of_arm_and_phases_as_stated_raise_no_alarm(lasting_cyc):
 
 @pytest.mark.parametrize("orbits", [True, False])
 def test_a_signal_of_no_single_direction_is_not_authentic(orbits):
-    """A takeover within a chip: every phase is of two directions, and shows a third one."""
+    # A takeover within a chip: every phase is of two directions, and shows a third one.
     for beside in ((2,), (1, 4), tuple(range(9))):
         records = turning(np.random.default_rng(4), false=0, beside=beside)
         words, _ = examine_records(records if orbits else replace(records, navigation=None), alpha=1e-4)
@@ -174,7 +174,7 @@ def test_a_signal_of_no_single_direction_is_not_authentic(orbits):
 
 
 def test_after_several_mixed_signals_none_is_authentic_a_minute():
-    """What averages out in a window by its speed is still there."""
+    # What averages out in a window by its speed is still there.
     rng = np.random.default_rng(4)
     arm = SpinArm(receiver="rx1", radius_m=RADIUS_M, rate_rad_s=2.0 * np.pi * RATE_HZ)
     clear, bent = (replace(turning(rng, false=0, beside=beside), spin_arms=(arm,)) for beside in ((), (1, 4)))

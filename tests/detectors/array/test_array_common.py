@@ -161,7 +161,7 @@ def test_signals_of_one_antenna_are_named_but_no_true_one():
 
 
 def test_of_two_signals_from_the_transmitter_neither_is_named():
-    """The satellite stands behind the transmitter: one of them is its own."""
+    # The satellite stands behind the transmitter: one of them is its own.
     rng = np.random.default_rng(12)
     phases = array_phases(rng, np.repeat(SKY[6:7], 6, axis=0))
     twice = SignalId("G02", copy="b")
@@ -191,7 +191,7 @@ def test_a_sky_of_eight_is_authentic():
 
 
 def test_two_equal_antennas_are_one_or_hear_one_transmitter():
-    """Phases of two receiver channels behind one splitter, 42 ms long."""
+    # Phases of two receiver channels behind one splitter, 42 ms long.
     seen_cyc = [0.272, 0.275, 0.273, 0.266, 0.273, 0.274, 0.275, 0.272]
     elements = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])
     phases = array_phases(np.random.default_rng(14), SKY, epochs=2, elements=elements)

@@ -83,7 +83,7 @@ def test_a_satellite_behind_the_transmitter_is_not_authentic():
     ],
 )
 def test_a_signal_that_another_covers_is_not_named(monkeypatch, band, code, apart_m, weaker_db, named):
-    """Its phases are a mixture of both: where they overlap, and where filters leave some of a stronger one."""
+    # Its phases are a mixture of both: where they overlap, and where filters leave some of a stronger one.
     monkeypatch.setattr("skyproof.detectors.array.ins_array.select_reflections", lambda *given, **more: frozenset())
     direction = TRUE.copy()
     direction[:, 3], direction[:, 2] = TRUE[:, 2], TRUE[:, 0]
@@ -128,7 +128,7 @@ def low_satellite():
 
 @pytest.mark.parametrize("low", [True, False])
 def test_signals_beside_a_false_one_are_of_its_transmitter(monkeypatch, low):
-    """All that come from there look like reflections, but the satellite of one stands below the horizon."""
+    # All that come from there look like reflections, but the satellite of one stands below the horizon.
     late = "skyproof.detectors.array.ins_array.select_reflections"
     monkeypatch.setattr(late, lambda observations, navigation, place_ecef_m, true, others, **given: frozenset(others))
     direction = TRUE.copy()
@@ -228,7 +228,7 @@ def test_a_misplaced_antenna_is_told_by_true_signals(false, lines_known):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_sums_of_true_and_false_waves_belong_to_no_sky(seed):
-    """A false signal on every true one, as strong and in step with it: the sum comes from halfway between."""
+    # A false signal on every true one, as strong and in step with it: the sum comes from halfway between.
     transmitter = direction_cosines(np.radians(40.0), np.radians(-25.0))
     records = array_records(np.random.default_rng(seed), 0.5 * (TRUE + transmitter))
     differing, _ = ArrayCommon().examine(records)
@@ -240,7 +240,7 @@ def test_sums_of_true_and_false_waves_belong_to_no_sky(seed):
 
 
 def test_one_transmitter_tells_the_same_at_any_antenna_places():
-    """A line that is longer by the way to an antenna elsewhere gives the same phases: no test can tell them apart."""
+    # A line that is longer by the way to an antenna elsewhere gives the same phases: no test can tell them apart.
     direction = np.broadcast_to(direction_cosines(np.radians(40.0), np.radians(-25.0)), TRUE.shape)
     records = array_records(np.random.default_rng(8), direction)
     records = replace(records, array_phases=(at_first(records.array_phases[0], calibrated=False),))
@@ -277,7 +277,7 @@ def two_skies(seed):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_rare_alarms_let_no_false_signal_into_the_fit(seed):
-    """A gate of one in 10^9 is so wide that some of the transmitter's signals are within it by chance."""
+    # A gate of one in 10^9 is so wide that some of the transmitter's signals are within it by chance.
     words, _ = examine_records(two_skies(seed), false_alarm_probability=1e-8)
     copies = {word: {signal.copy for signal in words[word]} for word in ("spoofed", "authentic")}
     assert copies == {"spoofed": {"b"}, "authentic": {"a"}}

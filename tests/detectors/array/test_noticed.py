@@ -28,7 +28,7 @@ def test_the_stated_number_of_imitated_satellites_is_found():
 
 @pytest.mark.parametrize("signal", [0, 3, 6])
 def test_a_false_signal_from_as_far_as_is_said_is_noticed(monkeypatch, signal):
-    """Nearly always: 24 of 24. Half a wavelength leaves no whole cycles open."""
+    # Nearly always: 24 of 24. Half a wavelength leaves no whole cycles open.
     monkeypatch.setattr("tests.detectors.nulls.ELEMENTS_M", 0.5 * ELEMENTS_M)
     detector = InsArray(InsArraySettings(false_alarm_probability=1e-3))
     angle_rad = read_noticed(detector, array_records(np.random.default_rng(3)))["elsewhere"]

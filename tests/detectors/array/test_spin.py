@@ -479,7 +479,7 @@ def test_a_receiver_that_does_not_turn_is_reported():
 
 @pytest.mark.parametrize("timed", [True, False])
 def test_signals_without_a_time_are_not_false_beside_others(timed):
-    """A jammer's wave, followed as several codes, comes from one direction; a log of carriers alone has no times."""
+    # A jammer's wave, followed as several codes, comes from one direction; a log of carriers alone has no times.
     directions = SKY.copy()
     directions[:3] = SKY[:1]
     records = spin_records(np.random.default_rng(17), directions)

@@ -119,7 +119,7 @@ def test_bands_of_a_clean_sky_stay_apart_as_they_were() -> None:
 
 @pytest.mark.parametrize("step_m", [-12.0, 40.0])
 def test_a_clock_step_of_one_band_is_found_at_its_epoch(step_m) -> None:
-    """The place that the band shows stays where it was: only the time of its signals moves."""
+    # The place that the band shows stays where it was: only the time of its signals moves.
     first = next(e for e in follow(long_sky(1, np.where(np.arange(80) >= 33, step_m, 0.0))) if e.failed)
     (o,) = long_sky(1).observations
     assert (first.code, first.says, first.may_also_be) == ("part_together", "undecided", (Cause.FAULT,))

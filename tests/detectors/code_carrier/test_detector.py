@@ -114,7 +114,7 @@ def test_codes_alone_cannot_be_tested() -> None:
 
 
 def test_carriers_that_begin_anew_together_part_no_others() -> None:
-    """All signals with a carrier slip at once, by any number of cycles; five have Dopplers alone."""
+    # All signals with a carrier slip at once, by any number of cycles; five have Dopplers alone.
     rng = np.random.default_rng(7)
 
     def carriers(o):
@@ -132,8 +132,7 @@ def test_carriers_that_begin_anew_together_part_no_others() -> None:
 
 
 def test_an_antenna_of_much_multipath_is_allowed_for() -> None:
-    """A phone's code jumps by 110 m, a chip's quarter and two sigma and a half of 15 m of multipath."""
-
+    # A phone's code jumps by 110 m, a chip's quarter and two sigma and a half of 15 m of multipath.
     def codes(o):
         codes_m = o.pseudorange_m.copy()
         codes_m[25:, 3] += 110.0

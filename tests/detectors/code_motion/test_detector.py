@@ -173,7 +173,7 @@ def on_band(drawn: Records, band: str, epochs: slice, metres: np.ndarray) -> Rec
 
 
 def test_a_jump_between_bands_is_seen() -> None:
-    """The first band is lost for a window, and jumped when it comes back."""
+    # The first band is lost for a window, and jumped when it comes back.
     both_bands = with_second_band(pull_codes(records(0, replace(SCENE, epochs=30)), 20, (9e4, 0.0, 0.0)))
     lost = on_band(both_bands, "L1", slice(10, 20), np.nan)
     windows = [replace(lost, observations=(lost.observations[0].read(k, k + 10),)) for k in (0, 10, 20)]

@@ -73,7 +73,7 @@ def test_oscillators_that_part_code_from_carrier_are_no_attack():
 
 
 def test_carriers_turn_faster_than_the_oscillator_wanders():
-    """By 1 cm/s more each second: ten wavelengths in twenty seconds."""
+    # By 1 cm/s more each second: ten wavelengths in twenty seconds.
     o = turn_clock(observe_scene(noise=WHITE, oscillator="ocxo", duration_s=DURATION_S), 0.01)
     named = select_failed(examine_all(windows(o), oscillator="ocxo"))
     assert not any(named[:4])
@@ -101,7 +101,7 @@ def test_settings_that_make_no_sense_are_refused():
 @pytest.mark.long
 @pytest.mark.parametrize("oscillator", ["ocxo", "rubidium"])
 def test_turns_of_true_clocks_have_uniform_p_values(oscillator):
-    """With the share that a class is trusted with at one, and no errors but those that are stated."""
+    # With the share that a class is trusted with at one, and no errors but those that are stated.
     p_values = []
     for number in range(100):
         o = observe_scene(number, noise=WHITE, oscillator=oscillator, duration_s=42.0, seed=number)
@@ -118,7 +118,7 @@ def test_turns_of_true_clocks_have_uniform_p_values(oscillator):
 @pytest.mark.long
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_clean_skies_alarm_no_more_often_than_asked(motion):
-    """Reflections, ionosphere and oscillators as the simulator has them: two hours."""
+    # Reflections, ionosphere and oscillators as the simulator has them: two hours.
     asked, p_values = 0.03, []
     for number in range(60):
         o = observe_scene(

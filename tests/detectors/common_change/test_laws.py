@@ -60,7 +60,7 @@ def test_a_rate_has_white_sigma_and_a_multipath_bound():
 
 @pytest.mark.parametrize("name", ["csac", "rubidium"])
 def test_a_clock_turns_by_its_allan_deviation(name):
-    """Of white frequency noise, with phases measured to a millimetre."""
+    # Of white frequency noise, with phases measured to a millimetre.
     rng, apart_s = np.random.default_rng(4), 10.0
     oscillator = OSCILLATORS[name]
     white = type(oscillator)(white_s=oscillator.white_s)

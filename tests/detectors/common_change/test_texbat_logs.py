@@ -42,7 +42,7 @@ def read_log(path):
 
 @pytest.mark.parametrize(("name", "clean_s", "by_s"), [("ds2", 100.0, 125.0), ("ds3", 110.0, 226.0)])
 def test_codes_that_a_real_attack_drags_leave_their_carriers(shared_data, name, clean_s, by_s):
-    """The attacks begin after 100 and 110 s. Before, and long after, when codes stay drawn off, there is no alarm."""
+    # The attacks begin after 100 and 110 s. Before, and long after, when codes stay drawn off, there is no alarm.
     o = read_log(shared_data / "real" / "spoofed-real" / f"texbat_{name}.channel.csv.gz")
     detector, state = CommonChange(CommonChangeSettings(false_alarm_probability=OF_A_RUN)), None
     alarms_s = []

@@ -79,7 +79,7 @@ def test_no_cause_is_rejected_more_often_than_stated(cause, error):
 
 
 def test_recordings_of_two_receivers_seldom_have_one_rate():
-    """Rates spread about zero; the mark is what one join in a thousand hours has by its clock."""
+    # Rates spread about zero; the mark is what one join in a thousand hours has by its clock.
     rng, p = np.random.default_rng(3), []
     for draw in range(30):
         rates = rng.normal(0.0, 0.5, 2)

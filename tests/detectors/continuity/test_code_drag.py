@@ -65,7 +65,7 @@ def test_reflections_of_two_satellites_are_no_attack(satellites):
 
 @pytest.mark.parametrize("row", [62, 70, 75, 85, 110])
 def test_recordings_that_are_joined_unseen_are_no_attack(row):
-    """Codes step by 61 m, and loops that have seen nothing go on."""
+    # Codes step by 61 m, and loops that have seen nothing go on.
     other = observe_scene(2, noise=WHITE, place=(40.0, 46.0), lo_ppm=0.8)
     found = examine_all(join_rows(observe_scene(1, noise=WHITE), other, row, slip=False))
     assert not any(attacks(found))
@@ -73,7 +73,7 @@ def test_recordings_that_are_joined_unseen_are_no_attack(row):
 
 
 def test_after_a_step_long_before_codes_that_move_are_no_attack():
-    """Reflections that make a step are larger than stated: some in a row are a motion."""
+    # Reflections that make a step are larger than stated: some in a row are a motion.
     o = drag_codes(observe_scene(duration_s=52.0), 2.5)
     east = build_series(o, NAVIGATION, PLACE_ECEF_M, Limits()).unit @ np.array([0.05, 0.999, 0.0])
     found = examine_all(codes_moved(o, -60.0 * east * (o.elapsed_s > 4.0)[:, None]))
@@ -96,7 +96,7 @@ def test_two_steps_are_no_motion_even_without_a_step_search():
 
 
 def test_p_values_are_uniform_under_the_stated_multipath():
-    """Of a single span: reflections of the first quarter have nothing to do with those of the last."""
+    # Of a single span: reflections of the first quarter have nothing to do with those of the last.
     o = observe_scene(noise=WHITE)
     o = o.select(o.elapsed_s <= o.elapsed_s[0] + 10.01)
     series, rng, found = build_series(o, NAVIGATION, PLACE_ECEF_M, Limits()), np.random.default_rng(5), []

@@ -310,7 +310,7 @@ def test_halves_of_two_receivers_joined_are_reported(row, slip):
 
 @pytest.mark.parametrize("slip", [True, False], ids=["carriers break", "carriers go on"])
 def test_a_jump_of_one_receiver_by_its_clock_is_an_attack(slip):
-    """The clock's rate goes on, as that of no other receiver does."""
+    # The clock's rate goes on, as that of no other receiver does.
     found = examine_all(
         join_rows(observe_scene(1, noise=WHITE), observe_scene(2, noise=WHITE, place=(40.0, 46.0)), 70, slip=slip)
     )
@@ -393,7 +393,7 @@ def with_second_kind(o):
 
 @pytest.mark.parametrize("only_one", [True, False], ids=["one kind", "both kinds"])
 def test_samples_are_missing_in_all_kinds_or_in_none(only_one):
-    """A kind that is ahead while the other goes on is no gap of a recording."""
+    # A kind that is ahead while the other goes on is no gap of a recording.
     o, row = with_second_kind(observe_scene(noise=WHITE)), 77
     late = shift_ahead(o, row, 5e-7)
     if only_one:
@@ -517,7 +517,7 @@ def test_the_places_of_the_tests_are_as_far_apart_as_they_say():
 
 
 def test_missing_epochs_without_dopplers_are_no_jump():
-    """One of 30 s, whose Dopplers are the slopes of its carriers: an epoch without neighbours has none."""
+    # One of 30 s, whose Dopplers are the slopes of its carriers: an epoch without neighbours has none.
     scene = MeasuredScene(epochs=15, step_s=30.0)
     o = scene.records(np.random.default_rng(1)).observations[0]
     without = replace(o, doppler_hz=np.full_like(o.doppler_hz, np.nan))

@@ -56,7 +56,7 @@ def test_a_dragged_position_is_an_attack_in_its_first_window():
 
 @pytest.mark.parametrize("satellites", [1, 2])
 def test_reflections_that_move_a_few_carriers_are_no_attack(satellites):
-    """Walls that move past: their carriers go off together, by 3 m/s."""
+    # Walls that move past: their carriers go off together, by 3 m/s.
     o = observe_scene()
     way_m = np.zeros(o.pseudorange_m.shape)
     way_m[:, :satellites] = 3.0 * np.maximum(o.elapsed_s - ONSET_S, 0.0)[:, None]
@@ -64,7 +64,7 @@ def test_reflections_that_move_a_few_carriers_are_no_attack(satellites):
 
 
 def test_two_satellites_that_could_explain_it_leave_it_open():
-    """Of six satellites no four are left to show anything by themselves."""
+    # Of six satellites no four are left to show anything by themselves.
     o = drag_codes(observe_scene(), 3.0)
     six = replace(
         o, pseudorange_m=np.where(np.arange(o.pseudorange_m.shape[1]) < 6, o.pseudorange_m, np.nan)
@@ -75,7 +75,7 @@ def test_two_satellites_that_could_explain_it_leave_it_open():
 
 
 def test_the_strongest_reflections_at_once_are_no_motion():
-    """Each carrier is turned by a quarter of a wavelength either way, anew after a second."""
+    # Each carrier is turned by a quarter of a wavelength either way, anew after a second.
     o, rng = observe_scene(), np.random.default_rng(3)
     turned = rng.choice([-0.25, 0.25], o.carrier_cyc.shape)[np.floor(o.elapsed_s).astype(int)]
     found = examine_all(change_cells(o, carrier_cyc=o.carrier_cyc + turned), speed_max_m_s=0.0)
@@ -121,7 +121,7 @@ def test_the_p_value_is_uniform_where_carriers_err_as_stated():
 @pytest.mark.long
 @pytest.mark.parametrize("noise", [FIELD, WHITE], ids=["field", "white"])
 def test_hours_of_standing_raise_no_alarm(noise):
-    """Ten hours under the errors of the model, noise of its loops included."""
+    # Ten hours under the errors of the model, noise of its loops included.
     alarms, windows, least = 0, 0, 1.0
     for seed in range(6):
         for draw in range(20):

@@ -36,7 +36,7 @@ def test_a_motion_under_stated_errors_is_the_whole_skys(satellites):
 @pytest.mark.parametrize("scale", [5.0, 10.0, 30.0])
 @pytest.mark.parametrize("satellites", [8, 10, 12])
 def test_far_larger_errors_are_no_motion_of_the_whole_sky(satellites, scale):
-    """As between houses: without this rule up to 66 of 150 draws were one."""
+    # As between houses: without this rule up to 66 of 150 draws were one.
     rng = np.random.default_rng(satellites)
     chances = [
         find_motion(unit_of(satellites, rng), scale * rng.normal(size=satellites)).whole_sky_p_value for _ in range(150)

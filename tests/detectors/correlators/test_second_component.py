@@ -52,7 +52,7 @@ def test_p_values_of_one_signal_are_uniform_or_conservative(cn0_dbhz, trials):
 
 
 def test_what_the_tracked_signal_does_itself_is_no_distortion():
-    """It fades, its phase and its code wander, and the front end is lopsided; the noise stays what it is."""
+    # It fades, its phase and its code wander, and the front end is lopsided; the noise stays what it is.
     rng = np.random.default_rng(3)
     t = LOOK_S * np.arange(500)
     fading = (1.0 + 0.3 * np.sin(2 * np.pi * 0.7 * t)) * np.exp(0.2j * np.sin(2 * np.pi * 3.1 * t))
@@ -127,7 +127,7 @@ def test_two_reflections_of_one_beat_come_after_their_signal():
 
 
 def test_reflections_that_are_allowed_for_are_not_counted():
-    """As many times the allowed error as its own law has it: half of them within 0.7 sigma, and few beyond three."""
+    # As many times the allowed error as its own law has it: half of them within 0.7 sigma, and few beyond three.
     rng = np.random.default_rng(6)
     allowed = reflection_amplitude(1.0, 0.125, CHIP_M)
     assert allowed == pytest.approx(1.0 / (0.125 * CHIP_M))

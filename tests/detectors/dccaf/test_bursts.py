@@ -64,7 +64,7 @@ def test_two_signals_keep_delays_and_sigmas_at_any_phase():
 
 
 def test_only_later_and_weaker_signals_pass_as_reflections():
-    """Reflections of all delays and strengths: hardly one is taken for another signal. 5 dB and more apart they are."""
+    # Reflections of all delays and strengths: hardly one is taken for another signal. 5 dB and more apart they are.
     rng = np.random.default_rng(4)
     count = 150
     first = rng.uniform(-0.2, 0.2, count)
@@ -82,7 +82,7 @@ def test_only_later_and_weaker_signals_pass_as_reflections():
 
 @pytest.mark.parametrize(("rays", "most"), [(2, 0.075), (3, 0.15)])
 def test_several_reflections_count_as_often_as_allowed_for(rays, most):
-    """Each 3 to 20 dB weaker: together they may look like one signal that is no reflection."""
+    # Each 3 to 20 dB weaker: together they may look like one signal that is no reflection.
     rng = np.random.default_rng(5)
     count = 150
     first = rng.uniform(-0.2, 0.2, (count, 1))
@@ -101,7 +101,7 @@ def test_an_estimated_variance_makes_the_law_wider():
 
 
 def test_two_sides_of_one_peak_have_no_sigma():
-    """Signals 0.04 chip apart with one phase: the fit makes them as near as it may, and then its curvature is none."""
+    # Signals 0.04 chip apart with one phase: the fit makes them as near as it may, and then its curvature is none.
     rng = np.random.default_rng(11)
     delay = np.tile([0.0, 0.04], (60, 1))
     found = bursts(60, delay, np.tile([1.0, 1.0], (60, 1)), 50.0, rng)

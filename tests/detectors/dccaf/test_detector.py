@@ -44,7 +44,7 @@ def test_an_overlapping_sky_two_hundred_metres_off_is_an_attack():
 
 
 def test_grids_of_a_signal_whose_code_is_not_known_say_nothing():
-    """They were held against the C/A code of the satellite's number, which is another shape."""
+    # They were held against the C/A code of the satellite's number, which is another shape.
     rng = np.random.default_rng(2)
     records = with_ccaf(OVERLAPPED_CCAF.records(rng), rng)
     (grid,) = records.ccaf
@@ -66,7 +66,7 @@ def _last(records):
 
 @pytest.mark.parametrize("pushed_m", [100.0, -100.0])
 def test_a_push_of_the_clock_alone_is_an_attack_whichever_way(pushed_m):
-    """The false signals are 1 dB stronger, all later by one delay or all earlier."""
+    # The false signals are 1 dB stronger, all later by one delay or all earlier.
     rng = np.random.default_rng(3)
     sats = 8
     records = with_ccaf(with_seconds(rng, np.ones(sats, bool), pushed_m, scene=UNRELATED), rng, 1.0)
@@ -76,7 +76,7 @@ def test_a_push_of_the_clock_alone_is_an_attack_whichever_way(pushed_m):
 
 
 def test_a_mirror_all_around_is_no_attack():
-    """Every satellite's signal comes once more by a mirror 40 m below, 4 dB weaker: that fits a position, too."""
+    # Every satellite's signal comes once more by a mirror 40 m below, 4 dB weaker: that fits a position, too.
     rng = np.random.default_rng(4)
     for _ in range(5):
         elevated = rng.uniform(0.2, 1.0, 8)
@@ -87,7 +87,7 @@ def test_a_mirror_all_around_is_no_attack():
 
 
 def test_a_mirror_and_two_odd_satellites_are_no_attack():
-    """That the ranges of a mirror's image agree is no evidence that the two are an attacker's."""
+    # That the ranges of a mirror's image agree is no evidence that the two are an attacker's.
     rng = np.random.default_rng(14)
     for _ in range(3):
         delay_m = 80.0 * rng.uniform(0.2, 1.0, 8)
@@ -101,8 +101,8 @@ def test_a_mirror_and_two_odd_satellites_are_no_attack():
 @pytest.mark.parametrize("rays", [0, 1])
 @pytest.mark.long
 def test_five_clean_hours_raise_no_alarm_at_a_runs_rate(rays):
-    """1800 windows of ten seconds each, without and with a reflection on every satellite, one in seven of them such
-    that no reflection explains it."""
+    # 1800 windows of ten seconds each, without and with a reflection on every satellite, one in seven of them such that
+    # no reflection explains it.
     rng, p_values = np.random.default_rng(15 + rays), []
     detector = Dccaf(DccafSettings(multipath_sigma_m=2.0))
     settings = detector.settings
@@ -173,7 +173,7 @@ def repeat_signals(ccaf, settings):
 
 
 def test_signals_too_near_for_a_burst_are_seen_in_a_window():
-    """Two skies 6 m apart, equally strong: how many of eight satellites one burst shows, and how many five do."""
+    # Two skies 6 m apart, equally strong: how many of eight satellites one burst shows, and how many five do.
     rng, single, five, clean = np.random.default_rng(8), [], [], []
     for _ in range(3):
         near, alone = (
@@ -193,7 +193,7 @@ def test_signals_too_near_for_a_burst_are_seen_in_a_window():
 @pytest.mark.long
 @pytest.mark.parametrize("n", [1, 5])
 def test_a_single_signal_has_a_second_one_no_oftener_than_stated(n):
-    """In a window of one burst, and of several: 200 windows of eight satellites."""
+    # In a window of one burst, and of several: 200 windows of eight satellites.
     rng, settings, seen = np.random.default_rng(9), DccafSettings(second_signal_probability=0.2), 0
     for _ in range(200):
         ccaf = with_bursts(with_seconds(rng, np.zeros(8, bool), scene=UNRELATED), rng, 0.0, n)
@@ -257,7 +257,7 @@ def states_of(records):
 
 
 def test_another_receivers_place_makes_no_true_signal_false():
-    """The false sky in rx2 shows the place of rx1, which is surveyed: that says nothing of what rx2 receives."""
+    # The false sky in rx2 shows the place of rx1, which is surveyed: that says nothing of what rx2 receives.
     rng, detector, attacks = np.random.default_rng(10), Dccaf(), 0
     for _ in range(24):
         records = with_ccaf(LED_TO_RX1.records(rng), rng)

@@ -44,7 +44,7 @@ def test_distant_skies_are_found_with_the_stated_covariance():
 
 
 def test_the_covariance_allows_for_exchanged_near_signals():
-    """Some satellites' signals differ by less than their noise."""
+    # Some satellites' signals differ by less than their noise.
     squares = off_by(np.random.default_rng(2), 8, 60.0, 300)
     assert len(squares) > 30
     assert squares.sum() < stats.chi2.ppf(1.0 - 1e-3, 4 * squares.size)
@@ -52,7 +52,7 @@ def test_the_covariance_allows_for_exchanged_near_signals():
 
 
 def test_signals_that_belong_to_no_sky_make_none():
-    """A sky, and another signal of each satellite anywhere within a chip: as rarely taken for a sky as asked."""
+    # A sky, and another signal of each satellite anywhere within a chip: as rarely taken for a sky as asked.
     rng, count = np.random.default_rng(3), 0
     for _ in range(400):
         units = sky(rng, 7)

@@ -156,7 +156,7 @@ def test_interference_of_four_seconds_is_reported(first, fall_db) -> None:
 
 
 def test_parts_of_windows_fall_at_the_rate_that_is_asked() -> None:
-    """Draw fading that goes on from part to part by half, beside that of windows."""
+    # Draw fading that goes on from part to part by half, beside that of windows.
     asked, n_windows, reported = 0.1, 0, 0
     rng = np.random.default_rng(8)
     for seed in range(40):
@@ -179,7 +179,7 @@ def test_one_satellite_in_shade_is_neither() -> None:
 
 @pytest.mark.parametrize("share", [False, True])
 def test_interference_from_the_start_shows_when_it_ends(share) -> None:
-    """Noise that is there from the first epoch on, and leaves: C/N0 rises and less power comes in."""
+    # Noise that is there from the first epoch on, and leaves: C/N0 rises and less power comes in.
     jammed_db = drop_levels(sky(), 10.0, epochs=slice(0, ONSET))
     found = examine(jammed_db, chains=front_end(-11.0, share=share))
     assert not select_failed(found)
@@ -199,7 +199,7 @@ def test_signals_that_rise_at_the_level_of_before_still_fail() -> None:
 
 @pytest.mark.parametrize("shared_db", [-14.0, 0.0])
 def test_weak_signals_from_the_start_are_told_and_not_accused(shared_db) -> None:
-    """A jammer, a roof and a poor antenna scale C/N0 of all alike: it is said that it is open which."""
+    # A jammer, a roof and a poor antenna scale C/N0 of all alike: it is said that it is open which.
     found = examine(sky() + shared_db)
     assert not select_failed(found)
     assert not falls(found)
@@ -267,7 +267,7 @@ def test_signals_stronger_than_any_from_space_are_suspect() -> None:
 
 @pytest.mark.parametrize(("code", "over_db", "says"), [("CA", 4.0, 1), ("Q", 4.0, 0), ("Q", 9.0, 1)])
 def test_what_is_too_strong_is_asked_of_the_signals_plan(code: str, over_db: float, says: int) -> None:
-    """L5 may arrive 5 dB stronger than C/A (IS-GPS-705J, IS-GPS-200N, 6.3.1)."""
+    # L5 may arrive 5 dB stronger than C/A (IS-GPS-705J, IS-GPS-200N, 6.3.1).
     loud_db = np.full_like(sky(), GPS_L1_CA.strongest_dbw + POLICY.most_cn0_over_power_db + over_db)
     found = examine(loud_db) if code == "CA" else examine(sky(), second_db=loud_db)
     assert any(f.data.get("test") == "strong" for f in select_failed(found)) == bool(says)
@@ -283,7 +283,7 @@ def test_a_reading_over_the_bound_has_its_chance(over_db: float, fails: bool) ->
 
 
 def test_interference_is_told_where_no_kind_has_enough_signals() -> None:
-    """Three satellites of each system share a carrier that all of them fall on."""
+    # Three satellites of each system share a carrier that all of them fall on.
     kinds = (("G", "L1", "CA"), ("E", "E1", "C"), ("C", "B1C", "1P"), ("J", "L1", "CA"), ("I", "L1", "D"))
     few = tuple(SignalId(f"{kinds[k // 3][0]}{k + 1:02d}", *kinds[k // 3][1:]) for k in range(N))
     found = examine(drop_levels(sky(), 12.0), signals=few)
@@ -293,7 +293,7 @@ def test_interference_is_told_where_no_kind_has_enough_signals() -> None:
 
 
 def test_falls_are_reported_at_the_rate_that_is_asked() -> None:
-    """Draw clean skies of the stated law: a union bound of two tests keeps the rate, and half of it is left."""
+    # Draw clean skies of the stated law: a union bound of two tests keeps the rate, and half of it is left.
     asked, n_windows, reported = 0.1, 0, 0
     for seed in range(60):
         found = examine(sky(seed, common_db=0.5, fading_db=2.0), interference_probability=asked)

@@ -125,7 +125,7 @@ def test_a_step_is_dated_to_its_row() -> None:
 
 @pytest.mark.parametrize("seconds", [5, 10, 30])
 def test_an_excess_of_noise_alone_has_the_chance_that_is_said(seconds: int) -> None:
-    """At the highest level that a satellite's can have; the median of few readings is surer than its law."""
+    # At the highest level that a satellite's can have; the median of few readings is surer than its law.
     readings_db = POLICY.reading_sigma_db * np.random.default_rng(seconds).standard_normal((20_000, seconds))
     p_values = [chance_of_excess([over], [seconds], signals=1) for over in np.median(readings_db, axis=1)]
     for asked in (0.1, 0.01):

@@ -138,7 +138,7 @@ def test_another_time_of_week_is_odd() -> None:
 
 
 def test_satellites_below_the_horizon_are_odd() -> None:
-    """The same measurements, with the receiver at the other side of the Earth."""
+    # The same measurements, with the receiver at the other side of the Earth.
     records = clean()
     (sky,) = records.sets
     found = examine(replace(records, sets=(replace(sky, position_ecef_m=-sky.position_ecef_m),)))
@@ -197,7 +197,7 @@ def test_satellites_that_say_other_leap_seconds_are_odd(count, leaps, failed) ->
 
 
 def test_a_systems_majority_counts_beyond_the_table() -> None:
-    """What was said in earlier windows is remembered; another system has its own."""
+    # What was said in earlier windows is remembered; another system has its own.
     records = replace(clean(), start_gpst=np.datetime64("2031-05-14T10:00:00", "ns"))
     records = replace(records, navigation=replace(records.navigation, utc=None))
     first = with_messages(records, utc=saying(records, 9, 19)[2:] + saying(records, 2, 18, "E"))
@@ -207,7 +207,7 @@ def test_a_systems_majority_counts_beyond_the_table() -> None:
 
 
 def test_a_risen_satellite_is_checked_against_its_own_past() -> None:
-    """Without a file, when the orbits are those of the log itself."""
+    # Without a file, when the orbits are those of the log itself.
     records = clean()
     again = tuple(hours_later(e, 7.0) for e in sent(records, 9))
     moved = tuple(replace(e, af0=late(e)) for e in again)

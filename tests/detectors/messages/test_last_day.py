@@ -53,7 +53,7 @@ STEPS = dict(zip(FITTED, (1e-2, 1e-6, *[1e-6] * 4, *[1e-10] * 3, 10.0, 10.0, *[1
 
 @pytest.mark.parametrize("moon_rad", [0.0, 0.9, 2.2, 4.0])
 def test_an_orbit_under_moon_and_sun_stays_within_the_bound(moon_rad: float) -> None:
-    """Elements are fitted to four hours of it, as the ground segment does, and carried on for a day."""
+    # Elements are fitted to four hours of it, as the ground segment does, and carried on for a day.
     at_s = np.arange(-7200.0, 86_401.0, 900.0)
     labels = SENT.reference_gpst + timedelta_from_s(at_s)
     fixed = compute_satellite_state(SENT, labels).position_ecef_m[[0, 1]]
@@ -108,7 +108,7 @@ def test_a_clock_goes_as_far_as_a_rubidium_standard(hours: float, late_m: float,
 
 
 def test_yesterdays_orbit_with_todays_times_is_far_beyond() -> None:
-    """Four minutes of the sidereal day are 930 km along the orbit."""
+    # Four minutes of the sidereal day are 930 km along the orbit.
     found = difference_over_hours(replace(SENT, week=later(24.0).week, toe=later(24.0).toe), SENT)
     assert (found.what, found.chance) == ("orbit", 0.0)
     assert found.amount_m > 50.0 * orbit_bound_m(SENT.sqrt_a, 86_400.0)

@@ -81,7 +81,7 @@ def test_small_p_values_of_the_sky_keep_their_frequency(known, count):
 
 
 def test_the_best_cycles_and_baseline_of_all_are_found():
-    """Where some fit, against every way to choose the whole cycles of all satellites near the place that is known."""
+    # Where some fit, against every way to choose the whole cycles of all satellites near the place that is known.
     rng = np.random.default_rng(4)
     geometry = AntennaPlaces(PLACES, 0.02)
     for _ in range(5):
@@ -115,7 +115,7 @@ def list_named(evidence, says):
 
 
 def test_error_free_carriers_fit_the_sky_in_any_geometry():
-    """Half a step between the receivers' epochs, 100 m of distance and 10 m of height: millimetres each."""
+    # Half a step between the receivers' epochs, 100 m of distance and 10 m of height: millimetres each.
     places = {"rx1": (0.0, 0.0, 0.0), "rx2": (60.0, 80.0, 10.0)}
     exact = scene(antennas_enu_m=places, first_epoch_s=(0.0, 0.45))
     records = replace(exact.records(np.random.default_rng(0)), observations=tuple(exact._exact))
@@ -136,7 +136,7 @@ def test_a_metre_apart_ten_seconds_tell_the_sky_from_one_antenna():
 
 
 def test_fractions_that_fit_by_chance_are_no_evidence():
-    """Ten signals of one kind fit somewhere on a shell of 2 cm with any fractions; carriers of more kinds do not."""
+    # Ten signals of one kind fit somewhere on a shell of 2 cm with any fractions; carriers of more kinds do not.
     (sky,) = examine(scene().records(np.random.default_rng(0)), **GIVEN["distance"])
     assert (sky.says, sky.data["carriers"]) == ("undecided", "coarse")
 
@@ -214,7 +214,7 @@ def without_epochs(observations, dropped):
 
 @pytest.mark.parametrize("number", [0, 1])
 def test_epochs_that_one_receiver_lacks_cost_only_themselves(number):
-    """The noise of Dopplers over the whole step to an epoch that is not used does not count."""
+    # The noise of Dopplers over the whole step to an epoch that is not used does not count.
     made = scene(epochs=20, first_epoch_s=(0.0, 0.0))
     records = made.records(np.random.default_rng(0))
     dropped = np.arange(2, 20, 5)
@@ -242,7 +242,7 @@ def test_the_noise_of_a_stretch_is_that_of_its_instants():
 
 @pytest.mark.parametrize("missing", ["carrier_cyc", "doppler_hz"])
 def test_what_carriers_lack_is_said(missing):
-    """Epochs of the two lie some tenths of a second apart: without Dopplers they cannot be brought together."""
+    # Epochs of the two lie some tenths of a second apart: without Dopplers they cannot be brought together.
     records = scene().records(np.random.default_rng(0))
     records = change_cells(records, **{missing: lambda o: np.full(o.status.shape, np.nan)})
     if missing == "doppler_hz":

@@ -75,8 +75,8 @@ def test_a_meaconed_pair_is_spoofed_and_the_sky_beside_it_true(receivers, seed):
 
 @pytest.mark.parametrize("satellites", [6, 10])
 def test_one_antennas_sky_of_few_satellites_may_be_echoes(satellites):
-    """Three of six signals that were echoes fitted a wrong place beside the other receiver's, once in twenty hours of
-    walls (`bench/no_attack.py --only walls`): a clean sky was spoofed with a p-value of 1e-27."""
+    # Three of six signals that were echoes fitted a wrong place beside the other receiver's, once in twenty hours of
+    # walls (`bench/no_attack.py --only walls`): a clean sky was spoofed with a p-value of 1e-27.
     made = scene(sky=(), false=(MEACONER,), max_satellites=satellites, errors=TrackErrors(0.3, 0.0, 0.3))
     records = without_carriers(made.records(rng(4)))
     (finding,) = examine(records, **state_places(), false_alarm_probability=1e-6)
@@ -183,7 +183,7 @@ def test_what_was_given_wrong_is_the_reason_that_is_reported():
 
 
 def test_hitting_the_distance_does_not_hide_wrong_places():
-    """The false place of rx2 is 30 m from rx1 as the true one is, in another direction."""
+    # The false place of rx2 is 30 m from rx1 as the true one is, in another direction.
     attack = replace(MEACONER, receivers=("rx2",), shows_enu_m=(-18.0, 24.0, 0.0))
     records = scene(sky=("rx1",), false=(attack,)).records(rng())
     assert [e.says for e in examine(records, antennas_enu_m=PAIR)] == ["attack"]
@@ -231,7 +231,7 @@ def test_windows_with_both_skies_do_not_support_a_captured_one():
 
 
 def test_signals_that_may_be_of_a_false_antenna_stay_open():
-    """A baseline that other windows show is no sign that an antenna of false signals did not send them."""
+    # A baseline that other windows show is no sign that an antenna of false signals did not send them.
     detector = MultiReceiver()
     found = [e for r in windows(*3 * [scene(false=(MEACONER,))]) for e in detector.examine(r)[0]]
     (last,) = (e for e in found[-2:] if e.says == "authentic")
@@ -249,7 +249,7 @@ def test_moving_antennas_support_their_own_windows_only():
 
 @pytest.mark.parametrize("axis", range(2), ids=["east", "north"])
 def test_a_sky_dragged_off_late_in_a_window_is_not_authentic(axis):
-    """By 20 m in its last two seconds: its mean over the window is 2 m off."""
+    # By 20 m in its last two seconds: its mean over the window is 2 m off.
     records = scene(errors=TrackErrors(0.5, 0.0, 0.3), step_s=0.5).records(rng())
     first, second = records.observations
     towards = pair_up(records, records.sets, TrackNoise(), min_satellites=5).unit_enu[:, axis]
@@ -271,7 +271,7 @@ def build_stated(records, thermal_m):
 
 @pytest.mark.parametrize("correlation", [0.0, 0.9, 0.98])
 def test_bounded_errors_fail_no_more_often_than_stated(correlation):
-    """They swing as far as one sigma of 3 m makes them, which is the bound."""
+    # They swing as far as one sigma of 3 m makes them, which is the bound.
     made, numbers = scene(errors=TrackErrors(3.0, correlation, 0.0)), rng(5)
     noise = TrackNoise(bound_m=3.0)
     p_values = []
@@ -290,7 +290,7 @@ def test_larger_errors_fail_unless_noise_is_stated_so(thermal_m, fails):
 
 
 def test_a_jammer_beside_receivers_makes_no_suspicion():
-    """Half of the window is jammed: C/N0 states the noise of 6 m, which is beyond the bound of slow errors."""
+    # Half of the window is jammed: C/N0 states the noise of 6 m, which is beyond the bound of slow errors.
     records = scene(errors=TrackErrors(1.0), step_s=0.5).records(rng())
     numbers, jammed = rng(3), []
     for o in records.observations:
@@ -327,7 +327,7 @@ def test_two_skies_beside_one_need_a_baseline(other):
 @pytest.mark.parametrize("reached", [("rx1", "rx2"), ("rx2",)], ids=str)
 @pytest.mark.parametrize("seed", range(4))
 def test_a_false_sky_at_the_true_place_makes_no_signal_false(seed, reached, known):
-    """What rx1 gets from the sky and rx2 from the transmitter show one place as well."""
+    # What rx1 gets from the sky and rx2 from the transmitter show one place as well.
     meaconer = replace(MEACONER, shows_enu_m=(0.0, 0.0, 0.0), receivers=reached)
     evidence = examine(scene(false=(meaconer,)).records(rng(seed)), **known)
     assert not {("rx1", "a"), ("rx2", "a")} & list_named(evidence, "spoofed")

@@ -71,7 +71,7 @@ def test_one_odd_signal_is_not_named():
 
 @pytest.mark.parametrize("known_p", [None, 1e-9])
 def test_false_signals_take_the_p_value_of_their_attack(known_p):
-    """One odd signal proves nothing alone, and is named beside others that are false: its own test has no small p."""
+    # One odd signal proves nothing alone, and is named beside others that are false: its own test has no small p.
     made, sats = records(([0], []))
     sky = pair_up(made, made.sets, MultiReceiverSettings().noise(1), min_satellites=5)
     rates = Rates(alarm=1e-6, mistaken=0.01, multipath_sigma_m=1.0, unrelated_spread_m=300.0)
@@ -122,7 +122,7 @@ def test_signals_equally_off_everywhere_may_have_wrong_orbits(apart_m, named):
 
 @pytest.mark.parametrize(("off_m", "named"), [(-3e5, False), (-600.0, True)], ids=["orbits elsewhere", "another place"])
 def test_orbits_elsewhere_in_the_sky_differ_by_the_distance(off_m, named):
-    """Two satellites of receivers 5 km apart: an orbit off by thousands of km, or codes that an attacker would send."""
+    # Two satellites of receivers 5 km apart: an orbit off by thousands of km, or codes that an attacker would send.
     far = {"rx1": (0.0, 0.0, 0.0), "rx2": (4000.0, 3000.0, 10.0)}
     made = MeasuredScene(antennas_enu_m=far, epochs=8, errors=TrackErrors(0.5), max_satellites=10).records(
         np.random.default_rng(3)
@@ -150,7 +150,7 @@ def test_nothing_is_named_where_no_sky_is_known_to_be_true():
 
 
 def test_near_antennas_sky_is_not_taken_for_one_antenna():
-    """Receivers 6 m apart with two sets each, of which the false ones have too few satellites in common to compare."""
+    # Receivers 6 m apart with two sets each, of which the false ones have too few satellites in common to compare.
     near = {"rx1": (0.0, 0.0, 0.0), "rx2": (6.0, 0.0, 0.0)}
     made = MeasuredScene(
         antennas_enu_m=near, false=(NEAR,), epochs=20, errors=TrackErrors(0.6), max_satellites=6

@@ -51,7 +51,7 @@ def test_the_nearest_baseline_of_a_distance_is_nearest_of_all(seed):
 
 @pytest.mark.parametrize("known", ["distance", "places", "learnt"])
 def test_agreement_is_uniform_and_survival_never_too_small(known):
-    """Measured baselines and what is known of them are drawn about the truth, with the sigmas that are stated."""
+    # Measured baselines and what is known of them are drawn about the truth, with the sigmas that are stated.
     rng = np.random.default_rng(3)
     spread_m2, draws = covariance(rng, 2.0), 400
     root_m = np.linalg.cholesky(spread_m2)

@@ -127,7 +127,7 @@ def test_a_captured_receiver_within_a_slip_is_never_authentic():
 
 
 def test_a_receiver_that_is_led_far_away_is_attacked():
-    """Farther than antennas may stand apart, and than a slip makes of the distance."""
+    # Farther than antennas may stand apart, and than a slip makes of the distance.
     far = replace(CAPTURED["false"][0], shows_enu_m=(700.0, 500.0, 30.0))
     evidence = review_all(windows({**CAPTURED, "false": (far,)}), antenna_distance_m=DISTANCE_M)
     assert {e.says for e in evidence} == {"attack"}
@@ -171,7 +171,7 @@ CAREFUL = {"false_alarm_probability": 1e-8, "carrier_multipath_sigma_m": 0.001}
     ids=["right distance", "made feet", "half", "right places", "feet", "north"],
 )
 def test_carriers_of_near_antennas_name_the_slip(stated, code):
-    """Code could be of one antenna: the word stays open, no test fails, and what may be wrong is named."""
+    # Code could be of one antenna: the word stays open, no test fails, and what may be wrong is named.
     sigma = {"antenna_distance_sigma_m": 0.01} if "antenna_distance_m" in stated else {"antennas_sigma_m": 0.02}
     evidence = review_all(windows({}, {}, antennas=NEAR), **stated, **sigma, **CAREFUL)
     named = {cause.code for e in evidence for cause in e.wrong_statements}
@@ -198,7 +198,7 @@ def test_code_that_contradicts_a_statement_names_it():
 
 @pytest.mark.parametrize(("least_m", "fails"), [(0.5 * DISTANCE_M, False), (300.0, True)])
 def test_antennas_nearer_than_they_are_said_to_be_at_least_fail(least_m, fails):
-    """Signals that are surely not of one antenna passed before, however near they put the antennas."""
+    # Signals that are surely not of one antenna passed before, however near they put the antennas.
     evidence = review_all(windows({}, {}), antenna_separation_m=least_m, max_separation_m=1000.0)
     assert {(e.says, e.failed) for e in evidence} == {("undecided", fails)}
     assert {cause.about for e in evidence for cause in e.wrong_statements} == (

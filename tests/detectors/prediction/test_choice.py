@@ -166,7 +166,7 @@ def test_a_sky_that_came_from_afar_was_not_there_before(led_away):
 
 
 def test_a_discontinuous_window_ends_the_trusted_time(led_away):
-    """Channels taken over, by a pull that is over before the true sky is found, from afar."""
+    # Channels taken over, by a pull that is over before the true sky is found, from afar.
     taken = led_away(onset_s=40.0, away=30.0 * EAST, found_m=2000.0, hidden=False)
     found = taken.chosen(standing())
     assert {e.data["clean_until"] for e in found if "assumes" in e.data} == {"10:00:30"}
@@ -175,8 +175,8 @@ def test_a_discontinuous_window_ends_the_trusted_time(led_away):
 
 @pytest.mark.parametrize("speed_m_s", [0.2, 0.5, 2.0])
 def test_a_fixed_place_is_not_dragged_while_a_decoy_waits(led_away, speed_m_s):
-    """The only sky is drawn off from 40 s on, and at 105 s another false one appears far away: none is chosen that is
-    farther off than a fix is."""
+    # The only sky is drawn off from 40 s on, and at 105 s another false one appears far away: none is chosen that is
+    # farther off than a fix is.
     taken = led_away(onset_s=40.0, away=speed_m_s * EAST, found_m=65.0 * speed_m_s, hidden=False)
     far = {"a": np.zeros(3), "b": 3e4 * EAST[:3]}
     taken.sets = [replace(s, position_ecef_m=s.position_ecef_m + far[s.signals[0].copy]) for s in taken.sets]
@@ -342,7 +342,7 @@ def test_of_many_choices_no_more_are_wrong_than_the_limit(invented, kind):
 
 @pytest.mark.parametrize(("pushed", "expected"), [(EAST, standing("ocxo", stands=False)), (CLOCK, standing())])
 def test_a_false_sky_true_in_all_expected_loses_to_no_mixture(led_away, pushed, expected):
-    """A push of the position leaves the clock; some true and some false signals fit a place and a time by chance."""
+    # A push of the position leaves the clock; some true and some false signals fit a place and a time by chance.
     taken = led_away(away=8.0 * pushed)
     mixed = 300.0 * (EAST + CLOCK)
     taken.sets = [
@@ -408,7 +408,7 @@ def test_of_overlapping_skies_home_is_chosen_and_none_named(led_away):
     [(8.0, 3.2e-4, (1e-6, 1.0)), (100.0, 1e-3, (1e-6, 1.0)), (100.0, 3.2e-4, (1e-2, 1e-6))],
 )
 def test_undivided_or_doubtful_skies_are_not_chosen(led_away, apart_m, doubt, reflected):
-    """The third may be one at home and its reflections."""
+    # The third may be one at home and its reflections.
     taken = led_away()
     found, fixes, _ = chosen_of(taken, overlapping(taken, apart_m, doubt, reflected), standing())
     assert fixes == ()

@@ -84,7 +84,7 @@ def test_a_dragged_position_is_an_attack_where_it_begins():
 
 
 def test_codes_drawn_off_alone_are_no_error_of_the_unit():
-    """Velocities go on, and those of a unit that errs part as positions do."""
+    # Velocities go on, and those of a unit that errs part as positions do.
     found = said(heard(speed_m_s=3.0, carrier="locked"))
     assert found[-1].code == "departs"
     named = next(e for e in found if e.says == "attack")
@@ -106,7 +106,7 @@ def test_a_clean_drive_goes_on_and_says_what_would_be_noticed():
 
 
 def test_for_a_slow_drag_inertia_states_what_it_may_miss():
-    """One that draws the navigator along before it is noticed, by navigators that have run free for a minute."""
+    # One that draws the navigator along before it is noticed, by navigators that have run free for a minute.
     found = heard(speed_m_s=0.8, duration_s=121.0, carrier="locked")
     findings, navigator = walked(found)
     start = found[0].gpst[0]
@@ -135,7 +135,7 @@ def doubt(o, window, dated_gpst, code):
 
 @pytest.mark.parametrize("code", ["odd", "attack"])
 def test_what_a_later_finding_doubts_corrects_no_navigator(code):
-    """As if it had been known from the start: what windows taught from its date on is taken back."""
+    # As if it had been known from the start: what windows taught from its date on is taken back.
     o, windows, predictor = heard(duration_s=101.0)
     since = windows[5].start_gpst + np.timedelta64(2, "s")
     detector = Inertia(InertiaSettings(false_alarm_probability=ALPHA))
@@ -193,8 +193,7 @@ def test_a_log_that_errs_is_no_attack_and_the_reason_is_said(change, code):
 
 @pytest.mark.parametrize("satellites", [pytest.param(1, marks=pytest.mark.long), 2])
 def test_what_a_few_satellites_alone_show_is_no_attack(satellites):
-    """Reflections by what drives past: the Dopplers of some are off by 4 m/s."""
-
+    # Reflections by what drives past: the Dopplers of some are off by 4 m/s.
     def shown(o):
         off = np.zeros(o.doppler_hz.shape)
         off[o.elapsed_s > PULL_S + 2.0, :satellites] = 20.0

@@ -85,7 +85,7 @@ def test_a_place_that_no_window_shows_is_false_or_wrongly_stated(where, code):
 
 @pytest.mark.parametrize("north_m", np.linspace(8.0, 20.0, 7))
 def test_a_place_that_is_wrong_by_what_just_fits_is_no_attack(north_m):
-    """It fits in one window and not in the next, and what is shown stays where it is."""
+    # It fits in one window and not in the next, and what is shown stays where it is.
     for seed in (1, 2, 3):
         found = received(seed=seed, code_m=1.0, ar1=0.9, constant_m=1.0)
         assert {e.says for e in said(found, at(found, north_m=north_m))} <= {"undecided"}
@@ -120,7 +120,7 @@ def test_errors_many_times_as_large_as_stated_are_no_attack(constant_m, code_m, 
 
 @pytest.mark.parametrize("draws", [12, pytest.param(300, marks=pytest.mark.long)])
 def test_moves_of_the_size_that_is_stated_are_noticed(draws):
-    """However slow: the window that shows the place moved as a whole is tested against the first one."""
+    # However slow: the window that shows the place moved as a whole is tested against the first one.
     rng, noticed, few = np.random.default_rng(3), 0, 0
     for draw in range(draws):
         o, windows, place_m = received.__wrapped__(seed=draw, duration_s=41.0)

@@ -61,7 +61,7 @@ def test_more_echoes_make_each_more_probable():
 
 @pytest.mark.parametrize(("below_db", "elevation_deg"), [(0.0, 10.0), (6.0, 40.0), (12.0, 70.0)])
 def test_p_values_are_uniform_below_the_chance_of_an_echo(below_db, elevation_deg):
-    """Drawn without the grid that the law is worked out on: neither too many nor too few at any level."""
+    # Drawn without the grid that the law is worked out on: neither too many nor too few at any level.
     rng, n = np.random.default_rng(5), 50_000
     drawn = drawn_seconds(rng, MODEL, np.full(n, below_db), np.full(n, elevation_deg))
     ratios = np.array([false_over_echo(MODEL, second) for _, second in drawn])
@@ -72,6 +72,6 @@ def test_p_values_are_uniform_below_the_chance_of_an_echo(below_db, elevation_de
 
 
 def test_shorter_chips_show_more_echoes_apart():
-    """Second signals count from one and a half chips on, so a tenth of the chip lets nearer and more echoes count."""
+    # Second signals count from one and a half chips on, so a tenth of the chip lets nearer and more echoes count.
     nearer = LIKE_AN_ECHO._replace(chip_m=0.1 * CHIP_M)
     assert p_value(LIKE_AN_ECHO) < p_value(nearer) <= 1.0

@@ -112,7 +112,7 @@ def test_without_a_good_fix_it_cannot_be_tested() -> None:
 
 @pytest.mark.parametrize("moving", [True, False], ids=["with Dopplers", "codes alone"])
 def test_the_last_velocity_bounds_where_the_antenna_is(moving) -> None:
-    """Four satellites at a time, 1.6 km off: within what 1 km/s leads to, not within what accelerations do."""
+    # Four satellites at a time, 1.6 km off: within what 1 km/s leads to, not within what accelerations do.
     records = clean(2)
     (o,) = records.observations
     rng, codes_m = np.random.default_rng(2), o.pseudorange_m.copy()
@@ -129,7 +129,7 @@ def test_the_last_velocity_bounds_where_the_antenna_is(moving) -> None:
 
 
 def test_a_window_in_which_nothing_can_be_tested_fails_nothing() -> None:
-    """One epoch, in which nothing goes on from another, of a receiver without a good fix."""
+    # One epoch, in which nothing goes on from another, of a receiver without a good fix.
     records = clean()
     (o,) = (o for o in records.observations[:1])
     codes_m = np.full_like(o.pseudorange_m, np.nan)
