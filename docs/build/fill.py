@@ -27,6 +27,8 @@ def pages() -> list[Path]:
 
 def unbuilt(word: str, what: str, so_far: str) -> str:
     """What stands for a mark in a page that is read unbuilt; an output stays as it is."""
+    if word == "policies":
+        return tables.policy_files("../../src/skyproof/{}")
     table = tables.table_of(word, what, "../src/skyproof/simulator/scenes/{}.toml")
     if table is not None:
         return table

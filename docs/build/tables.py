@@ -5,7 +5,7 @@ import json
 import pkgutil
 import re
 import tomllib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -234,23 +234,31 @@ def table_of(word: str, what: str, scene_link: str) -> str | None:
 
 
 def policies() -> str:
-    """Every number that decides, room by room."""
-    rooms = (fusion, detectors, receive, inspect)
-    walks = [pkgutil.walk_packages(room.__path__, f"{room.__name__}.") for room in rooms]
-    found = [importlib.import_module(one.name) for walk in walks for one in walk]
+    """Make a table of the numbers that decide, for each room."""
+    head = ("number", "value", "unit", "why", "source")
     parts = []
-    for module in found:
-        policy = vars(module).get("POLICY")
-        if policy is None or type(policy).__module__ != module.__name__:
-            continue
-        room = module.__name__.removesuffix(".policy").rpartition(".")[2]
-        rows = [
-            f"| `{number.name}` | {_value(number.value)} | {number.unit} | {number.reason} | {number.source} |"
-            for number in numbers_of(policy)
-        ]
-        head = [f"### {room}", "", "| number | value | unit | why | source |", "|---|---|---|---|---|"]
-        parts.append("\n".join([*head, *rows]))
+    for room, _, policy in _policies():
+        numbers = numbers_of(policy)
+        rows = [(f"`{each.name}`", _value(each.value), each.unit, each.reason, each.source) for each in numbers]
+        parts.append(f"### {room}\n\n{_table(head, rows)}")
     return "\n\n".join(parts)
+
+
+def policy_files(link: str) -> str:
+    """Make a table of the files that hold those numbers, each with a link, in which {} stands for the path."""
+    rows = [(room, f"[`{path}`]({link.format(path)})", str(len(numbers_of(each)))) for room, path, each in _policies()]
+    return _table(("room", "file", "numbers"), rows)
+
+
+def _policies() -> Iterator[tuple[str, str, Any]]:
+    """Yield each room that has a policy, the path of its file below `src/skyproof`, and the policy."""
+    for package in (fusion, detectors, receive, inspect):
+        for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            module = importlib.import_module(found.name)
+            policy = vars(module).get("POLICY")
+            if policy is not None and type(policy).__module__ == module.__name__:
+                room = module.__name__.removesuffix(".policy").rpartition(".")[2]
+                yield room, f"{module.__name__.partition('.')[2].replace('.', '/')}.py", policy
 
 
 def _value(value: Any) -> str:
