@@ -1,6 +1,7 @@
 """What the manual tells from the code itself: commands from the command line, keys of files from their models."""
 
 import importlib
+import itertools
 import json
 import pkgutil
 import re
@@ -24,6 +25,8 @@ from skyproof.studies import studies
 
 ROOT = Path(__file__).resolve().parents[2]
 NOT_GIVEN = "not given"
+WRITTEN = "skyproof.verdict"
+"""Documents of this module are read by users and written by the package: their defaults help nobody."""
 BESIDES = " besides"
 WORDS = {
     "name": "The name that files and other tables refer to.",
@@ -144,9 +147,12 @@ def keys(name: str) -> str:
     heads = ["key", "default", "example", "means"]
     if not any(example for _, _, example, _ in rows):
         heads.remove("example")
-        if all(default == "needed" for _, default, _, _ in rows):  # a document that is written, not one to write
+        if model.__module__ == WRITTEN or all(default == "needed" for _, default, _, _ in rows):
             heads.remove("default")
-    cells_of = [dict(zip(("key", "default", "example", "means"), row, strict=True)) for row in rows]
+    cells_of = []
+    for same, group in itertools.groupby(rows, key=lambda row: row[1:]):  # neighbours that mean the same share a row
+        names = ", ".join(row[0] for row in group)
+        cells_of.append(dict(zip(("key", "default", "example", "means"), (names, *same), strict=True)))
     return _table(heads, [[row[head] for head in heads] for row in cells_of])
 
 
