@@ -24,6 +24,7 @@ from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
 from skyproof.receiver.acquisition import Peak
 from skyproof.receiver.discriminator import compute_discriminator
+from skyproof.receiver.keeping import holds_signal
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import LoopSettings, Receiver, ReceiverSettings, ReceiverState
 from skyproof.simulator.ideal import SignalDelays, make_ideal_signals
@@ -437,7 +438,7 @@ def _locks() -> Iterator[str]:
                 on_signal = np.ones(len(sats), bool) if cn0_dbhz < 0.0 else _is_near(receiver, state, motion, end)
                 for n_frames, seen in held.items():
                     if frame > 40 and frame % n_frames == 0:
-                        seen.append(receiver._holds(state, n_frames)[on_signal])
+                        seen.append(holds_signal(state, n_frames, receiver.settings)[on_signal])
             for n_frames, seen in held.items():
                 looks = np.concatenate(seen)
                 stated = f"{_DEFAULT.false_hold_probability if n_frames == 5 else 0.01:g}" if cn0_dbhz < 0.0 else ""
