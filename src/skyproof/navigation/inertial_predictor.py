@@ -79,12 +79,20 @@ class Inertial:
         return found if self.clock else mark_unknown(found, _CLOCK)
 
     def until(self, gpst: np.datetime64) -> "Inertial":
+        found = self._step(gpst)
+        return self if found is None else replace(self, state=found[1])
+
+    def states_until(self, gpst: np.datetime64) -> NavState | None:
+        """Return the unit's states at its own and at each later reading; None if it is not aligned or has none."""
+        found = self._step(gpst)
+        return None if found is None else found[0]
+
+    def _step(self, gpst: np.datetime64) -> tuple[NavState, InsState | None] | None:
+        """Propagate it over later readings, if it is aligned and has any."""
         if self.state is None:
-            return self
+            return None
         rows = select_readings(self.readings, self.state.gpst, gpst)
-        if not rows.gpst.size:
-            return self
-        return replace(self, state=step(self.state, rows, self.settings)[1])
+        return step(self.state, rows, self.settings) if rows.gpst.size else None
 
     def doubted(self, sigma_m: float, sigma_m_s: float) -> "Inertial":
         """Return it with so much more doubt of position and velocity, an axis."""

@@ -11,24 +11,33 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from tests.app.protect.choosing import NAVIGATION, inertia_of, led_away
+from tests.app.protect.test_choosing import DRIVE
 from tests.written import write_table
 
 from skyproof.app.common.body import Body, Carried, body_of, body_states, open_body, with_imu, with_stored_readings
+from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.platform import Platform
 from skyproof.app.common.platform_use import match_tables
+from skyproof.app.common.session import Session
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import windows_of
+from skyproof.app.common.windows import instantiate_detectors, windows_of
 from skyproof.errors import InputError, SettingsError
 from skyproof.formats.byte_io import compute_sha256
 from skyproof.formats.imu import COLUMNS
 from skyproof.formats.imu_pieces import StoredImuFile
 from skyproof.formats.pieces import Workspace
+from skyproof.fusion.corrected import CorrectedNavigator
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic, heading_pitch_roll_rad, rot_enu_ecef
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.navigation.attitude import estimate_interpolation_sigma_rad
+from skyproof.navigation.nav_estimate import estimate_from_parts
+from skyproof.navigation.predictor import SkyFix
 from skyproof.records import Attitude, ConsistentSet, NavigationData, Need, Records, SignalId
 from skyproof.simulator.inertial import simulate_inertial
+from skyproof.simulator.sky import make_scene
 from skyproof.simulator.trajectories import make_circle, make_static
+from skyproof.studies.receiver_model import ChannelNoise, model_receptions
 
 START = np.datetime64("2022-01-01T10:30:00", "ns")
 HOME_RAD = 0.9, 0.2
@@ -337,7 +346,9 @@ def test_readings_without_an_initial_attitude_are_reported(tmp_path):
     unit = imu(tmp_path)
     carrier = with_imu(platform(), unit["file"])
     files = open_body(carrier)
-    assert body_of(carrier, files, ("one",), {}, START, 300.0) is None
+    unaligned = body_of(carrier, files, ("one",), {}, START, 300.0)
+    assert unaligned is not None
+    assert body_state(unaligned, window(0.0, 10.0, HOME), Carried())[0] is None
     ((path, kind, remarks),) = files.remarks(None, window(0.0, 10.0))
     assert (path, kind) == (unit["file"], "inertial readings")
     assert files.sums[path] == compute_sha256(path)
@@ -366,11 +377,79 @@ def test_files_of_another_time_are_said_to_be_unused(tmp_path):
     assert body_state(carried, window(-30.0, -20.0, HOME), Carried())[0] is None
 
 
-def test_windows_carry_the_state_and_the_run_reports_it(tmp_path):
+def test_a_session_gives_the_state_and_the_run_reports_it(tmp_path):
     carried = body(platform(imu=imu(tmp_path)))
-    run = windows_of([], NavigationData(ephemerides=()), Settings(), body=carried)
+    windows = windows_of([], NavigationData(ephemerides=()), Settings(), body=carried)
     assert isinstance(carried, Body)
-    assert run.run.has(Need.NAV_STATE)
+    assert windows.run.has(Need.NAV_STATE)
     assert not windows_of([], NavigationData(ephemerides=()), Settings()).run.has(Need.NAV_STATE)
-    assert [records.nav_state for records in run] == [{}]  # nothing was received, so nothing says where it is
+    # Nothing was received, so nothing says where it is.
+    assert [step.records.nav_state for step in Session(windows, []).steps()] == [{}]
     assert replace(carried, grade=GRADES["consumer"]).grade is not carried.grade
+
+
+# The navigator that fixes correct
+
+
+@lru_cache
+def driven():
+    """A drive's scene, what is measured on it, and what its unit, which is poor, lets expect."""
+    unit = {"grade": "industrial", "rate_hz": 50.0}
+    scene = led_away(path=DRIVE, imu=unit, duration_s=71.0, onset_s=60.0)
+    scene = make_scene(scene.scenario.model_copy(update={"attacks": ()}), NAVIGATION)
+    (heard,) = model_receptions(scene, ChannelNoise(code_m=0.5), rng=np.random.default_rng(2))
+    (expected,) = inertia_of(scene, Settings(), "industrial").values()
+    return scene, heard.reception.observations, expected
+
+
+def navigated(initial):
+    """The states of the drive's windows, with the attitude at the first reading."""
+    _, o, unit = driven()
+    predictors = {"bow": replace(unit, initial=initial)}
+    carried = Body(readings=unit.readings, initial=initial, grade=GRADES["industrial"])
+    windows = windows_of([WholeSource(o)], NAVIGATION, Settings(), body=carried, predictors=predictors)
+    session = Session(windows, instantiate_detectors(Settings(), windows.run))
+    return [step.records.nav_state.get("bow") for step in session.steps()]
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["stated", "found"])
+def test_fixes_keep_the_attitude_that_gyros_lose(known):
+    scene, o, unit = driven()
+    states = navigated(unit.initial if known else None)
+    assert (states[0] is not None) is known
+    last = states[-1]
+    assert sigma_rad(last) < np.radians(1.0)
+    assert last.gpst[0] <= o.gpst[o.gpst >= last.gpst[0]][0]
+    assert last.gpst[-1] >= o.gpst[-1]
+    at = (last.gpst[-1] - scene.scenario.start_gpst) / np.timedelta64(1, "s")
+    error = Rotation.from_matrix(last.attitude[-1] @ scene.trajectories["bow"].at(np.array([at])).attitude[0].T)
+    error = error.as_rotvec()
+    assert error @ np.linalg.solve(last.covariance[-1, 6:, 6:], error) < 16.3
+    assert np.isinf(last.covariance[-1, 0, 0])
+
+
+def test_a_navigator_runs_on_where_nothing_corrects_it():
+    scene, o, unit = driven()
+    true = scene.trajectories["bow"].at(np.zeros(1))
+    fix = estimate_from_parts(
+        unit.readings.gpst[0],
+        position_ecef_m=true.position_ecef_m[0],
+        position_m2=np.eye(3),
+        velocity_ecef_m_s=true.velocity_ecef_m_s[0],
+        velocity_m2_s2=0.01 * np.eye(3),
+    )
+    navigator = unit.learned(SkyFix(whole=fix, each=(fix,)))
+    known = {"bow": CorrectedNavigator(predictor=navigator, kind=None, early=(), until=None, bias_s=0.0)}
+    edges = [o.gpst[0] + np.timedelta64(10 * k, "s") for k in range(5)]
+
+    def last_of(cuts):
+        carried, states = Carried(), {}
+        for begin, end in pairwise(cuts):
+            records = replace(window(0.0, 1.0, true.position_ecef_m[0]), start_gpst=begin, end_gpst=end)
+            states, carried = body_states(Body(readings=unit.readings), records, carried, known)
+        return states["one"]
+
+    fine, coarse = last_of(edges), last_of([edges[0], edges[-1]])
+    assert fine.gpst[-1] == coarse.gpst[-1]
+    assert off_rad(fine, coarse.attitude[-1]) < 1e-7
+    np.testing.assert_allclose(sigma_rad(fine), sigma_rad(coarse), rtol=1e-3)

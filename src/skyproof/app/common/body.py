@@ -1,7 +1,8 @@
 """The body that carries the antennas, window by window: its attitude and, where that is known, each antenna's place.
 
-The attitude comes from the inertial unit, whose gyros carry on the attitude stated at the first reading, and where that
-does not reach from the attitude stated for the body. The place of a receiver's antenna comes
+The attitude comes from the inertial navigator that fixes corrected in earlier windows, those in which no test failed
+(`detectors.prediction.inertia`). Before it is aligned, the gyros carry on the attitude stated at the first reading.
+Where neither reaches, it is the attitude stated for the body. The place of a receiver's antenna comes
 
 - from the platform file, where the receiver is surveyed and does not move: then it is known, with its covariance;
 - from another receiver that is surveyed, as far off as the two may be apart;
@@ -10,8 +11,7 @@ does not reach from the attitude stated for the body. The place of a receiver's 
   the attitude's variance holds for each of the positions that signals show in the window: signals that are true have a
   covariance that is, and those that are false gain nothing by it.
 
-Neither velocity nor position is carried on from the inertial unit here: that begins at fixes which are taken for true
-(`navigation.inertial_predictor`).
+Neither velocity nor position of the navigator is used here.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,6 +31,7 @@ from skyproof.formats.imu import ImuFile, imu_from_rows, read_imu
 from skyproof.formats.imu_pieces import StoredImuFile, store_readings
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.timed_rows import TimedRows
+from skyproof.fusion.corrected import CorrectedNavigator
 from skyproof.fusion.policy import POLICY
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic
 from skyproof.gnss.imu_grades import ImuGrade
@@ -43,6 +44,7 @@ from skyproof.navigation.attitude import (
     state_from_angles,
 )
 from skyproof.navigation.inertia import TURN_MOST_RAD, FreeRun, begin_free_run, coast, measure_apparent_tilt_rad
+from skyproof.navigation.inertial_predictor import Inertial
 from skyproof.records import Attitude, ImuSeries, InertialReadings, NavState, Records
 from skyproof.remarks import Remark, RemarkKind
 
@@ -89,8 +91,8 @@ class BodyFiles:
 
 
 _UNALIGNED: Final = (
-    "the attitude at the first reading is not stated: it is found from the motion, for positions only; for directions "
-    "give initial in [imu] of a platform file",
+    "the attitude at the first reading is not stated: it is found from the motion; for directions before that give "
+    "initial in [imu] of a platform file",
 )
 
 
@@ -261,7 +263,7 @@ def body_of(
         attitude = replace(attitude, sigma_rad=sigma_rad)
     elif stated is not None and stated.heading_deg is not None and platform.motion != "moving":
         attitude = _angles(stated.heading_deg, stated.pitch_deg, stated.roll_deg, stated.sigma_deg)
-    if files.imu is not None and files.initial is not None and unit is not None:
+    if files.imu is not None and unit is not None:
         readings = files.imu.series(zero_gpst if unit.start_gpst is None else unit.start_gpst)
     if attitude is None and readings is None:
         return None
@@ -289,25 +291,39 @@ def _places(names: Sequence[str], tables: Mapping[str, PlatformReceiver], apart_
 
 
 class Carried(NamedTuple):
-    """What the inertial unit carries from window to window: the run, None once it has ended, and where it began."""
+    """What is carried from window to window.
+
+    run : of the gyros alone, None once it has ended. begun_ecef_m : where that began. navigator : that fixes corrected
+    last. ahead : the same at the start of the last window.
+    """
 
     run: FreeRun | None = None
     begun_ecef_m: Reals | None = None
+    navigator: Inertial | None = None
+    ahead: Inertial | None = None
 
 
-def body_states(body: Body, records: Records, carried: Carried) -> tuple[dict[str, NavState], Carried]:
+def body_states(
+    body: Body, records: Records, carried: Carried, navigators: Mapping[str, CorrectedNavigator] | None = None
+) -> tuple[dict[str, NavState], Carried]:
     """Compute the body's state at each receiver over a window, and what the next window needs.
 
-    The states share the attitude; the position is that of the receiver's own antenna.
+    The states share the attitude; the position is that of the receiver's own antenna. navigators : of receivers, as
+    windows before this one corrected them.
     """
     set_places_ecef_m = [each_state.position_ecef_m for each_state in records.sets]
-    path, carried = _propagate_attitude(
-        body, records, carried, [place.ecef_m for place in body.places.values()] or set_places_ecef_m
-    )
+    path, carried = _follow_navigator(navigators or {}, records, carried)
+    if path is not None:
+        level = path.position_ecef_m[path.gpst.size // 2]
+    else:
+        path, carried = _propagate_attitude(
+            body, records, carried, [place.ecef_m for place in body.places.values()] or set_places_ecef_m
+        )
+        level = carried.begun_ecef_m
     received = (*(o.receiver for o in records.observations), *(each_state.receiver for each_state in records.sets))
     states = {}
     for name in dict.fromkeys((*body.places, *received)):
-        state = _state_at_place(body, records, path, carried.begun_ecef_m, body.places.get(name), set_places_ecef_m)
+        state = _state_at_place(body, records, path, level, body.places.get(name), set_places_ecef_m)
         if state is not None:
             states[name] = state
     return states, carried
@@ -323,7 +339,7 @@ def _state_at_place(
 ) -> NavState | None:
     """Place the body's attitude at a known place, or at one that the received signals give.
 
-    path : of the inertial unit, level where that began.
+    path : of the inertial unit. level : where its attitude refers to north and the vertical.
     """
     places = shown if known is None else [known.ecef_m]
     if not places:
@@ -339,6 +355,23 @@ def _state_at_place(
     return state if largest < TURN_MOST_RAD**2 else None
 
 
+def _follow_navigator(
+    navigators: Mapping[str, CorrectedNavigator], records: Records, carried: Carried
+) -> tuple[NavState | None, Carried]:
+    """Propagate the navigator of the first receiver that has an aligned one over a window; None without any."""
+    aligned = (each.predictor for each in navigators.values() if each.predictor.state is not None)
+    navigator = next(aligned, None)
+    if navigator is None:
+        return None, carried
+    begun = carried.ahead if carried.ahead is not None and navigator is carried.navigator else navigator
+    ahead = begun.until(records.start_gpst)
+    # Up to the first reading after the end.
+    path = ahead.states_until(records.end_gpst + timedelta_from_s(navigator.readings.interval_s))
+    if path is not None and path.gpst[-1] <= records.start_gpst:
+        path = None
+    return path, carried._replace(navigator=navigator, ahead=ahead)
+
+
 def _propagate_attitude(
     body: Body, records: Records, carried: Carried, places: list[Reals]
 ) -> tuple[NavState | None, Carried]:
@@ -346,7 +379,7 @@ def _propagate_attitude(
     readings, grade = body.readings, body.grade
     if readings is None or body.initial is None or grade is None or readings.gpst[0] >= records.end_gpst:
         return None, carried
-    run, begun = carried
+    run, begun = carried.run, carried.begun_ecef_m
     if begun is None:
         if not places:
             return None, carried
@@ -367,7 +400,7 @@ def _propagate_attitude(
             paths.append(path)
         if run is not None and run.state.gpst[0] < end_gpst:  # the rest is shorter than an interval
             break
-    return (_join_paths(paths, records.start_gpst) if paths else None), Carried(run, begun)
+    return (_join_paths(paths, records.start_gpst) if paths else None), carried._replace(run=run, begun_ecef_m=begun)
 
 
 def _select_readings(readings: InertialReadings, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ImuSeries:

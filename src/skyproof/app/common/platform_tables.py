@@ -323,7 +323,7 @@ class PlatformImu(Model):
     )
     initial: InitialAttitude | None = Field(
         default=None,
-        description="The attitude at the first reading; without it, it is found from the motion, for positions only.",
+        description="The attitude at the first reading; without it, it is found from the motion.",
         examples=[{"heading_deg": 40.0, "pitch_deg": 0.6, "roll_deg": 0.0, "sigma_deg": 0.5}],
     )
 

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from skyproof.app.common.body import Carried, body_states
 from skyproof.app.common.epoch_source import EpochSource
 from skyproof.app.common.packed_log import PACKED, PackedLog
 from skyproof.app.common.progress import Progress
@@ -48,6 +49,7 @@ class Session:
     detectors: Sequence[Detector]
     _states: Mapping[str, Any] = field(default_factory=dict)
     _deciding: Deciding = field(default_factory=Deciding)
+    _carried: Carried = field(default_factory=Carried)
 
     def state_of(self, name: str) -> Any:
         """Return what a detector remembers; None before the first window."""
@@ -60,6 +62,10 @@ class Session:
             receivers = [o.receiver for o in records.observations]
             findings = list[Finding]()
             states = dict(self._states)
+            if (body := self.windows.run.body) is not None:
+                navigators = list_navigators(states.get("inertia"))
+                nav_state, self._carried = body_states(body, records, self._carried, navigators)
+                records = replace(records, nav_state=nav_state)
             for _, tier in groupby(_share_alpha(self.detectors, float(share)), find_tier):
                 findings += filter(None, (weigh(findings, receiver) for receiver in receivers))
                 expected = {**records.expected, **list_navigators(states.get("inertia"))}

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from skyproof.app.common.body import Body, Carried, body_states
+from skyproof.app.common.body import Body
 from skyproof.app.common.epoch_source import EpochSource
 from skyproof.app.common.settings import Settings
 from skyproof.arrays import Instants, Reals
@@ -212,7 +212,6 @@ class Windows:
     _looked: list[int] = field(default_factory=list)
     _known: dict[str, set[SignalId]] = field(default_factory=dict)
     _given: np.datetime64 | None = None
-    _carried: Carried = field(default_factory=Carried)
 
     def __post_init__(self) -> None:
         self._breaks = tuple(TimeBreaks() for _ in self.sources)
@@ -264,11 +263,7 @@ class Windows:
             if self._given is not None and start < self._given:
                 continue
             self._given = end
-            records = self._build_window(start, end)
-            if self.run.body is not None:
-                states, self._carried = body_states(self.run.body, records, self._carried)
-                records = replace(records, nav_state=states)
-            yield records
+            yield self._build_window(start, end)
 
     def _drop_later_signals(self, o: Observations) -> Observations:
         """Return epochs without the signals that come after them alone: of what is fed these are not known yet."""
