@@ -27,6 +27,7 @@ from skyproof.statistics.distributions import noncentral_chi_square_tail
 
 __all__ = [
     "EXPLAINED",
+    "LEAST_ROWS",
     "N_ROWS",
     "SharedNoise",
     "bound_explained",
@@ -38,6 +39,8 @@ __all__ = [
 
 N_ROWS: Final = 80
 """Code periods of a stretch: several times as many as there are signals."""
+LEAST_ROWS: Final = 32
+"""Of a recording that is shorter: at least twice as many as there are signals."""
 EXPLAINED: Final = 0.1
 """Correlation coefficient that components of signals may have that were too weak to be distinguished from noise. One
 that is found with `N_ROWS` rows of N cells has a power of 1 / sqrt(N_ROWS N) or more, so that ten that are not make
@@ -73,13 +76,14 @@ def find_usable_hz(rate_hz: float, carrier_at_hz: float, *, real: bool) -> float
     return max(min(2.0 * min(carrier_at_hz - low_hz, high_hz - carrier_at_hz), _BAND_HZ), 0.0)
 
 
-def cut_rows(planes: Floats, carrier_cycles: float, cells: int) -> ComplexFloats:
-    """Cut the band around the carrier, white, into rows of one code period: (N_ROWS, cells).
+def cut_rows(planes: Floats, carrier_cycles: float, cells: int, n_rows: int = N_ROWS) -> ComplexFloats:
+    """Cut the band around the carrier, white, into rows of one code period: (n_rows, cells).
 
-    planes : (2, n) I and Q of `N_ROWS` code periods, by the clock of the recording that this one is compared with.
-    carrier_cycles : where the carrier lies, cycles a sample. cells : the band times a code period.
+    planes : (2, n) I and Q of so many code periods, by the clock of the recording that this one is compared with.
+    carrier_cycles : where the carrier lies, cycles a sample. cells : the band times a code period. n_rows : at least
+        `LEAST_ROWS`.
     """
-    count = cells * N_ROWS
+    count = cells * n_rows
     spectrum = fft.fft(planes[0] + 1j * planes[1])
     middle = round(carrier_cycles * planes.shape[1])
     part = spectrum[(middle + np.arange(-(count // 2), count - count // 2)) % spectrum.size]
@@ -88,7 +92,7 @@ def cut_rows(planes: Floats, carrier_cycles: float, cells: int) -> ComplexFloats
     level = np.median(power[: width * _LEVELS].reshape(_LEVELS, width), axis=1) / math.log(2.0)
     level = np.interp(np.arange(count), (np.arange(_LEVELS) + 0.5) * width, np.maximum(level, 1e-9 * level.max()))
     part = part / np.sqrt(np.maximum(level, power / _LINE) + np.float32(1e-30))
-    rows: ComplexFloats = fft.ifft(fft.ifftshift(part)).reshape(N_ROWS, cells).astype(np.complex64)
+    rows: ComplexFloats = fft.ifft(fft.ifftshift(part)).reshape(n_rows, cells).astype(np.complex64)
     return rows
 
 

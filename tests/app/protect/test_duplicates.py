@@ -13,6 +13,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge, protect
 from skyproof.app.protect.duplicates import find_shared_noise, leave_out_duplicates
 from skyproof.app.receive.reception import observe
+from skyproof.app.receive.short import observe_short
 from skyproof.app.receive.tracker import track
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator.samples import render_samples
@@ -148,3 +149,49 @@ def test_a_jammer_that_two_antennas_hear_does_not_make_them_one():
     heard = pair.heard(planes_of(first + jammer[: first.size])), pair.heard(planes_of(second + there_too))
     assert find_shared_noise(*heard, alpha=1e-3, code_sigma_m=100.0) is not None  # but for the ranges they would be one
     assert find_shared_noise(*heard, alpha=1e-3, code_sigma_m=1.0) is None
+
+
+# ---------------------------------------------------------------------- snapshots
+
+
+def snapshot_of(wave, name, like):
+    """The reception of some milliseconds, without orbits."""
+    planes = planes_of(wave)
+    samples = replace(
+        like,
+        name=name,
+        n_samples=planes.shape[1],
+        start_gpst=None,
+        read=lambda start, count: planes[:, start : start + count],
+    )
+    return observe_short(samples, None, Settings(), Silent())
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_snapshots_behind_a_splitter_are_one_receiver(together):
+    scenario = kit.scenario_of(duration_s=0.045, front_end=FrontEnd(encoding="float", bits=32))
+    first, second = render_samples(scenario, make_nominal_constellation(scenario.start_gpst))
+    rng = np.random.default_rng(4)
+    waves = []
+    for samples in (first, first if together else second):
+        planes = samples.read(0, samples.n_samples)
+        wave = planes[0] + 1j * planes[1]
+        level = np.sqrt(np.mean(np.abs(wave) ** 2))
+        waves.append(wave + level * (rng.normal(size=wave.size) + 1j * rng.normal(size=wave.size)))
+    heard = [snapshot_of(wave, name, first) for wave, name in zip(waves, ("left", "right"), strict=True)]
+    assert all(reception.n_signals >= 4 for reception in heard)
+    taken = leave_out_duplicates(heard, Settings())
+    assert sum(reception.same_as is not None for reception in taken) == together
+
+
+@pytest.mark.shared_data
+@pytest.mark.long
+def test_a_real_splitter_is_told_in_milliseconds(shared_data, tmp_path):
+    folder = shared_data / "real" / "iq-ion" / "IFEN"
+    for number, band in enumerate((1, 3)):
+        path = folder / f"SX3_AltBOC_DualRF_Band{band}_FE0_ANT{number}_f1575420000.stream"
+        shutil.copy(path, tmp_path / f"ant{number}.bin")
+        layout = "rate_hz = 20e6\nkind = 'real'\nencoding = 'offset-binary'\nbits = 2\nif_hz = 5000445.9\n"
+        (tmp_path / f"ant{number}.toml").write_text(f"[samples]\n{layout}bit_order = 'lsb-first'\n")
+    result = protect([tmp_path / "ant0.bin", tmp_path / "ant1.bin"])
+    assert sorted(str(r.reception.same_as) for r in result.outcome.receivers) == ["None", "ant0"]

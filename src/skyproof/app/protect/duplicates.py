@@ -19,13 +19,12 @@ from skyproof.fusion.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import seconds_between
-from skyproof.recording.same_noise import N_ROWS, SharedNoise, correlate_noise, cut_rows, find_usable_hz
+from skyproof.recording.same_noise import LEAST_ROWS, N_ROWS, SharedNoise, correlate_noise, cut_rows, find_usable_hz
 from skyproof.records import ObservationLog, Observations, Samples
 from skyproof.statistics.distributions import chi_square_survival
 
 __all__ = ["find_shared_noise", "leave_out_duplicates"]
 
-_STRETCH_S: Final = N_ROWS * GPS_L1_CA.period_s
 _PLACES: Final = (0.5, 0.05, 0.95)  # of the common time
 _PLACE_EPOCHS: Final = 1024
 _MARGIN: Final = np.timedelta64(2, "s")
@@ -81,6 +80,9 @@ def find_shared_noise(first: Reception, second: Reception, *, alpha: float, code
         return None
     lags = _compute_lags(*_read_places(first.observations, second.observations))
     known = np.flatnonzero(np.isfinite(lags.later_s).any(axis=0))
+    if first.codes and second.codes:
+        later_s = float(np.nanmedian(lags.later_s)) if known.size else 0.0
+        return _compare_snapshots(first, second, later_s, alpha=alpha, code_sigma_m=code_sigma_m)
     found: list[tuple[int, SharedNoise]] = []
     for place in _PLACES if known.size else ():
         at = int(known[int(place * (known.size - 1))])
@@ -91,6 +93,39 @@ def find_shared_noise(first: Reception, second: Reception, *, alpha: float, code
     if not found or _test_agreement(lags, found, code_sigma_m) < alpha:
         return None
     return min((noise for _, noise in found), key=lambda noise: noise.coefficient)
+
+
+def _compare_snapshots(
+    first: Reception, second: Reception, later_s: float, *, alpha: float, code_sigma_m: float
+) -> SharedNoise | None:
+    """Find the noise that two snapshots share from their beginning on; None unless their codes are as late as it.
+
+    later_s : by which the first began after the second, to half a code period; where no ranges tell, they are taken to
+        have begun together.
+    """
+    a, b, period_s = first.samples, second.samples, GPS_L1_CA.period_s
+    assert a is not None
+    assert b is not None
+    begin_a_s, begin_b_s = max(-later_s, 0.0), max(later_s, 0.0)
+    n_rows = min(N_ROWS, int(min(a.duration_s - begin_a_s, b.duration_s - begin_b_s) / period_s))
+    if n_rows < LEAST_ROWS:
+        return None
+    pairs = [(code, other) for code in first.codes for other in second.codes if code.sat == other.sat]
+    if not pairs:
+        return None
+    higher_hz = float(np.median([other.doppler_hz - code.doppler_hz for code, other in pairs]))
+    noise = _correlate_parts((a, begin_a_s), (b, begin_b_s), n_rows * period_s, higher_hz=higher_hz)
+    if noise is None or noise.p_value >= alpha:
+        return None
+    code_variance = 2.0 * (code_sigma_m / SPEED_OF_LIGHT_M_S) ** 2
+    nearest: dict[str, tuple[float, float]] = {}
+    for code, other in pairs:
+        pace = 1.0 + code.doppler_hz / GPS_L1_CA.carrier_hz
+        after_s = code.code_s - other.code_s + pace * (other.elapsed_s - code.elapsed_s) - noise.lag_s
+        after_s -= period_s * np.rint(after_s / period_s)
+        if code.sat not in nearest or abs(after_s) < abs(nearest[code.sat][0]):
+            nearest[code.sat] = after_s, code.code_sigma_s**2 + other.code_sigma_s**2 + code_variance
+    return noise if _test_scatter(list(nearest.values())) >= alpha else None
 
 
 def _read_places(a: ObservationLog, b: ObservationLog) -> tuple[Observations, Observations]:
@@ -170,13 +205,35 @@ def _correlate_noise(first: Samples, second: Samples, lags: _Lags, at: int) -> S
     """
     near = lags.select_near(at)
     later_s = float(np.nanmedian(lags.later_s[:, at]))
-    length_s = (1.0 + lags.clock_rate(near)) * _STRETCH_S
-    start_a, planes_a = _read_part(first, lags.elapsed_s[at], _STRETCH_S)
-    start_b, planes_b = _read_part(second, lags.elapsed_s[at] + later_s, length_s)
+    return _correlate_parts(
+        (first, float(lags.elapsed_s[at])),
+        (second, float(lags.elapsed_s[at]) + later_s),
+        N_ROWS * GPS_L1_CA.period_s,
+        higher_hz=float(np.nanmedian(lags.higher_hz[:, near])),
+        clock_rate=lags.clock_rate(near),
+    )
+
+
+def _correlate_parts(
+    one: tuple[Samples, float],
+    other: tuple[Samples, float],
+    length_s: float,
+    *,
+    higher_hz: float,
+    clock_rate: float = 0.0,
+) -> SharedNoise | None:
+    """Correlate the noise of parts of two recordings, each from so many seconds on; None where one is not held.
+
+    length_s : whole code periods. higher_hz, clock_rate : of the second's carrier and clock.
+    """
+    (first, begin_a_s), (second, begin_b_s) = one, other
+    n_rows = round(length_s / GPS_L1_CA.period_s)
+    start_a, planes_a = _read_part(first, begin_a_s, length_s)
+    start_b, planes_b = _read_part(second, begin_b_s, (1.0 + clock_rate) * length_s)
     if planes_a is None or planes_b is None:
         return None
     carrier_a_hz = carrier_at_hz(first)
-    carrier_b_hz = carrier_at_hz(second) + float(np.nanmedian(lags.higher_hz[:, near]))
+    carrier_b_hz = carrier_at_hz(second) + higher_hz
     band_hz = min(
         find_usable_hz(first.rate_hz, carrier_a_hz, real=not planes_a[1].any()),
         find_usable_hz(second.rate_hz, carrier_b_hz, real=not planes_b[1].any()),
@@ -185,8 +242,8 @@ def _correlate_noise(first: Samples, second: Samples, lags: _Lags, at: int) -> S
     if cells < POLICY.noise_cells:
         return None
     noise = correlate_noise(
-        cut_rows(planes_a, carrier_a_hz / first.rate_hz, cells),
-        cut_rows(planes_b, carrier_b_hz / second.rate_hz, cells),
+        cut_rows(planes_a, carrier_a_hz / first.rate_hz, cells, n_rows),
+        cut_rows(planes_b, carrier_b_hz / second.rate_hz, cells, n_rows),
         period_s=GPS_L1_CA.period_s,
     )
     return replace(noise, lag_s=noise.lag_s + start_b / second.rate_hz - start_a / first.rate_hz)
@@ -205,19 +262,24 @@ def _test_agreement(lags: _Lags, found: Sequence[tuple[int, SharedNoise]], code_
     Chi-square of their scatter, one degree less than satellites. Of several pairs of signals the one that is nearest.
     """
     code_variance = 2.0 * (code_sigma_m / SPEED_OF_LIGHT_M_S) ** 2
-    off_s, variance = [], []
+    delays = list[tuple[float, float]]()
     for sat in sorted(set(lags.sats)):
         best = min(
             (_delay_after_noise(lags, pair, found) for pair, other in enumerate(lags.sats) if other == sat),
             key=lambda one: abs(one[0]),
         )
         if np.isfinite(best[0]):
-            off_s.append(best[0])
-            variance.append(best[1] + code_variance)
-    if len(off_s) < 2:
+            delays.append((best[0], best[1] + code_variance))
+    return _test_scatter(delays)
+
+
+def _test_scatter(delays: Sequence[tuple[float, float]]) -> float:
+    """Return the p-value that delays are equal, each with its variance; 1 of fewer than two."""
+    if len(delays) < 2:
         return 1.0
-    weight = 1.0 / np.array(variance)
-    apart_s = np.array(off_s) - float(weight @ np.array(off_s) / weight.sum())
+    off_s, variance = np.array(delays).T
+    weight = 1.0 / variance
+    apart_s = off_s - float(weight @ off_s / weight.sum())
     return float(chi_square_survival(weight @ apart_s**2, len(off_s) - 1))
 
 

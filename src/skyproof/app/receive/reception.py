@@ -23,6 +23,7 @@ from skyproof.formats.pieces import Workspace
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
 from skyproof.receiver.observables import collect_navigation, list_differing_messages
+from skyproof.receiver.snapshot import CodePhase
 from skyproof.records import (
     AntennaArray,
     ArrayPhases,
@@ -54,7 +55,7 @@ class Reception(ShortRepr):
     measured_on : number, from 0, of the antenna whose measurements `observations` are: the first, or if that has
         clearly fewer the one that has most. In a snapshot all antennas share them, and it is the first of these.
     array_phases : the carrier's phases on all of them, if it is known where they are.
-    changes : of signals within a snapshot; None of what is none.
+    changes : of signals within a snapshot; None of what is none. codes : the code phase of each signal of a snapshot.
     """
 
     source: MeasurementSource
@@ -73,6 +74,7 @@ class Reception(ShortRepr):
     measured_on: int = 0
     array_phases: TimeSliced[ArrayPhases] | None = None
     changes: SnapshotChanges | None = None
+    codes: tuple[CodePhase, ...] = ()
 
     @property
     def noted(self) -> tuple[str, ...]:

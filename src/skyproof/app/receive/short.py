@@ -120,6 +120,7 @@ def observe_short(
         measured_on=min(heard, default=0),
         array_phases=phases,
         changes=_changes(found, measured),
+        codes=tuple(signal.first.code for signal in found),
         remarks=(*remarks, *words),
     )
 
