@@ -28,7 +28,7 @@ for number in ENDING:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """The folder of real and rendered recordings: $SKYPROOF_DATA, or the one beside the checkout. Skips without it."""
+    """Return the folder of recordings: $SKYPROOF_DATA, or the one beside the checkout; skip without it."""
     folder = Path(os.environ.get("SKYPROOF_DATA", ROOT.parent / "shared" / "data"))
     if not folder.is_dir():
         pytest.skip(f"no recordings at {folder}; set SKYPROOF_DATA to the folder that holds them")
@@ -49,7 +49,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node: Any) -> None:
-    """A worker of pytest-xdist ends: what it has seen goes to the table."""
+    """Add what a worker of pytest-xdist has seen to the table when it ends."""
     for message in getattr(node, "workeroutput", {}).get("messages", ()):
         node.config.stash[RECORDER].add(Message(**message))
 

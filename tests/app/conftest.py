@@ -14,7 +14,7 @@ from tests.app import kit
 
 @pytest.fixture(scope="session")
 def made_once(tmp_path_factory) -> Callable[[str, Callable[[Path], None]], Path]:
-    """A folder that is filled once in the whole run, however many processes pytest-xdist runs the tests in."""
+    """Return a function that fills a folder once per run, however many workers pytest-xdist starts."""
     base = tmp_path_factory.getbasetemp()
     base = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
 
@@ -52,11 +52,11 @@ class ArrayFiles:
 
 @pytest.fixture(scope="session")
 def array_files(made_once) -> ArrayFiles:
-    """8 s of clean sky on four antennas, from 1.5 s before a subframe on: just enough for a time of week."""
+    """Record 8 s of clean sky on four antennas, just enough for a time of week."""
 
     def fill(folder: Path) -> None:
         recorded = kit.record(
-            kit.array_scenario(duration_s=8.0, start_gpst=kit.START - np.timedelta64(1500, "ms")), folder
+            kit.make_array_scenario(duration_s=8.0, start_gpst=kit.START - np.timedelta64(1500, "ms")), folder
         )
         octets = np.stack([np.fromfile(path, "<i2") for path in recorded.paths], axis=1)  # I and Q of a byte each
         octets.tofile(folder / "woven.bin")

@@ -64,7 +64,7 @@ TRANSMIT = ScenePlace(lat_deg=57.7018, lon_deg=11.9333, height_m=58.0)
 ELSEWHERE = ScenePlace(lat_deg=57.6951, lon_deg=11.9405, height_m=66.0)
 
 
-def scenario_of(
+def make_scenario(
     *,
     receivers: int = 2,
     duration_s: float = 34.0,
@@ -73,7 +73,7 @@ def scenario_of(
     front_end: FrontEnd | None = None,
     seed: int = 1,
 ) -> Scenario:
-    """Receivers on a ship at a quay: 60 m and 45 m apart."""
+    """Make a scenario of receivers on a ship at a quay, 60 m and 45 m apart."""
     return Scenario(
         seed=seed,
         start_gpst=start_gpst,
@@ -89,7 +89,7 @@ ELEMENTS_M = ((0.0, 0.0, 0.0), (0.19, 0.0, 0.0), (0.095, 0.165, 0.0), (0.095, 0.
 LINE_BIAS_CYC = (0.0, 0.31, -0.12, 0.47)
 
 
-def array_scenario(
+def make_array_scenario(
     *,
     antennas: int = 4,
     duration_s: float = 13.0,
@@ -98,7 +98,7 @@ def array_scenario(
     seed: int = 1,
     **receiver: object,
 ) -> Scenario:
-    """One receiver with several antennas a wavelength apart, on a ship that heads to 30 degrees."""
+    """Make a scenario of one receiver whose antennas are a wavelength apart, on a ship heading 30 degrees."""
     elements = [
         {"name": str(number), "body_m": place, "line_bias_cyc": bias}
         for number, (place, bias) in enumerate(zip(ELEMENTS_M[:antennas], LINE_BIAS_CYC, strict=False), 1)
@@ -131,7 +131,7 @@ def record(scenario: Scenario, folder: Path, *, navigation: NavigationData | Non
     return Recorded(paths, folder / "broadcast.rnx", make_scene(scenario, navigation))
 
 
-def protected(scenario: Scenario, folder: Path, *, with_nav: bool = True, **options: object) -> "Judged":
+def protect_scenario(scenario: Scenario, folder: Path, *, with_nav: bool = True, **options: object) -> "Judged":
     recorded = record(scenario, folder)
     result = protect(recorded.paths, nav=recorded.nav if with_nav else None, out=folder / "out", **options)
     return Judged(result, recorded.scene)
@@ -148,14 +148,14 @@ class Judged:
     def verdict(self):
         return self.result.verdict
 
-    def false_labels(self) -> list[str]:
-        """Every stretch that is called authentic and is spoofed, or the other way round, for a second or more."""
+    def find_false_labels(self) -> list[str]:
+        """Find stretches of a second or more that are called authentic and are spoofed, or the other way round."""
         return list(false_labels(self.scene, self.result.outcome))
 
-    def named(self, label: str, receiver: str) -> set[str]:
-        """Satellites with a signal of that label whose label is right in truth."""
-        o = next(o for o in self.observed() if o.receiver == receiver)
-        true = true_labels(o, self._sky(receiver), self.scene)
+    def list_named(self, label: str, receiver: str) -> set[str]:
+        """List satellites with a signal of that label whose label is right in truth."""
+        o = next(o for o in self.list_observations() if o.receiver == receiver)
+        true = true_labels(o, self._find_sky(receiver), self.scene)
         return {
             s.ref.signal.sat
             for s in self.result.outcome.decision.labels
@@ -164,27 +164,27 @@ class Judged:
             and (true[s.first_epoch : s.last_epoch + 1, o.signals.index(s.ref.signal)] == label).any()
         }
 
-    def trusted_error_m(self, receiver: str) -> NDArray[np.float64]:
-        """(n_epochs,) distance of the trusted fixes from the truth, NaN where there is none."""
+    def measure_trusted_error_m(self, receiver: str) -> NDArray[np.float64]:
+        """Measure the distance of the trusted fixes from the truth, (n_epochs,), NaN where there is none."""
         r = next(r for r in self.result.outcome.receivers if r.reception.source.name == receiver)
-        return np.empty(0) if r.trusted is None else error_m(r.trusted, self._sky(receiver).receiver)
+        return np.empty(0) if r.trusted is None else measure_error_m(r.trusted, self._find_sky(receiver).receiver)
 
-    def observed(self) -> Iterable[Observations]:
+    def list_observations(self) -> Iterable[Observations]:
         receptions = (r.reception.observations for r in self.result.outcome.receivers)
         return [o for o in receptions if o is not None]
 
-    def _sky(self, receiver: str) -> ReceiverSky:
+    def _find_sky(self, receiver: str) -> ReceiverSky:
         return next(sky for sky in self.scene.skies if sky.receiver.name == receiver)
 
 
-def error_m(fix: Fix, place: ScenePlace) -> NDArray[np.float64]:
-    """(n_epochs,)"""
+def measure_error_m(fix: Fix, place: ScenePlace) -> NDArray[np.float64]:
+    """Measure the distance of each fix from a place, (n_epochs,)."""
     return np.linalg.norm(fix.position_ecef_m - ecef_from_geodetic(*place.geodetic_rad), axis=1)
 
 
-def measured(duration_s: float) -> tuple[NavigationData, tuple[Observations, ...]]:
-    """Orbits, and what the first two receivers measure of them, an epoch a second, with the errors of loops."""
-    scenario = scenario_of(duration_s=duration_s)
+def simulate_measurements(duration_s: float) -> tuple[NavigationData, tuple[Observations, ...]]:
+    """Simulate orbits and what the first two receivers measure once a second, with the errors of loops."""
+    scenario = make_scenario(duration_s=duration_s)
     navigation = make_nominal_constellation(scenario.start_gpst)
     noise = NoiseModel(sigma_m=1.0, ar1=0.9, constant_m=0.5)
     return navigation, simulate_observations(scenario, navigation, rng=np.random.default_rng(3), noise=noise)[0]

@@ -20,8 +20,8 @@ from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd, ScenePlace
 
 
-def anywhere(rng: np.random.Generator) -> tuple[ScenePlace, np.datetime64]:
-    """A place on land or sea between 70 S and 70 N, and a moment in four years."""
+def draw_place(rng: np.random.Generator) -> tuple[ScenePlace, np.datetime64]:
+    """Draw a place between 70 S and 70 N, and a moment in four years."""
     place = ScenePlace(
         lat_deg=float(np.degrees(np.arcsin(rng.uniform(-0.94, 0.94)))),
         lon_deg=float(rng.uniform(-180.0, 180.0)),
@@ -35,7 +35,7 @@ def clean_windows_by_measurement(n_scenes: int, seed: int) -> tuple[int, int, in
     rng = np.random.default_rng(seed)
     windows_seen = false_labels = false_verdicts = 0
     for number in range(n_scenes):
-        place, start = anywhere(rng)
+        place, start = draw_place(rng)
         baseline_m = float(rng.uniform(20.0, 200.0))
         settings = Settings(antenna_distance_m=baseline_m if number % 2 else None)
         scenario = scenes.make_clean(
@@ -75,7 +75,7 @@ def test_false_verdicts_on_clean_measurements_keep_their_rate():
 
 
 def protect_in_memory(scenario, baseline_m=None):
-    """Verdict's decision on a scene rendered to samples, without files."""
+    """Render a scene to samples without files, and return the decision."""
     navigation = make_nominal_constellation(scenario.start_gpst)
     settings = Settings(antenna_distance_m=baseline_m)
     trackers, _ = track(render_samples(scenario, navigation), settings, asked=asked())
@@ -90,7 +90,7 @@ def test_two_hundred_clean_sample_windows_have_no_false_label():
     rng = np.random.default_rng(13)
     windows = false = authentic = 0
     for number in range(34):
-        place, start = anywhere(rng)
+        place, start = draw_place(rng)
         baseline_m = float(rng.uniform(30.0, 150.0))
         scenario = scenes.make_clean(
             place,
@@ -125,7 +125,7 @@ def test_grids_of_clean_samples_raise_no_alarm(kind):
     rng = np.random.default_rng(14)
     p_values = []
     for number in range(4):
-        place, start = anywhere(rng)
+        place, start = draw_place(rng)
         scenario = scenes.make_clean(place, start, duration_s=24.5, receivers=1, seed=number, mask_deg=8.0)
         if kind == "reflections":
             scenario = scenes.read_ready_made("multipath")

@@ -24,35 +24,35 @@ EPOCH_S = 0.2
 
 @pytest.fixture(autouse=True)
 def with_continuity(monkeypatch):
-    """Of this tree, whatever was registered when the package was installed."""
+    """Register this tree's detectors of continuity, whatever was installed with the package."""
     monkeypatch.setattr(windows, "load_detectors", lambda: load_detectors() | {"continuity": Continuity})
 
 
-def reception(o):
+def make_reception(o):
     samples = Samples(name=o.receiver, rate_hz=1e6, n_samples=1, read=lambda start, count: np.zeros((2, 0), np.float32))
     return Reception(
         source=samples, observations=o, decoded=NavigationData(ephemerides=()), n_signals=len(o.signals), examined_s=1.0
     )
 
 
-def halves(one, other, row):
-    """The first half of one receiver's file and the second of another's."""
+def join_halves(one, other, row):
+    """Join the first half of one receiver's file and the second half of another's."""
     cells = {name: np.concatenate((getattr(one, name)[:row], getattr(other, name)[row:])) for name in OBSERVABLES}
     status = one.status.copy()
     status[row] = 3
     return replace(one, status=status, **cells)
 
 
-def judged(observed, navigation):
+def judge_pair(observed, navigation):
     settings = Settings(antenna_distance_m=61.0)
-    outcome, _ = judge([reception(o) for o in observed], navigation, settings, Silent())
+    outcome, _ = judge([make_reception(o) for o in observed], navigation, settings, Silent())
     return document(outcome, [], settings), outcome.evidence
 
 
 @pytest.fixture(scope="module")
 def pair():
-    """Two receivers, 61 m apart, over 35 s."""
-    scenario = kit.scenario_of(duration_s=35.0)
+    """Simulate two receivers 61 m apart over 35 s."""
+    scenario = kit.make_scenario(duration_s=35.0)
     navigation = make_nominal_constellation(scenario.start_gpst)
     noise = NoiseModel(sigma_m=1.5, carrier_sigma_cyc=0.01, doppler_sigma_hz=0.3)
     observed, _ = simulate_observations(
@@ -63,13 +63,13 @@ def pair():
 
 def test_the_same_receivers_as_they_were_recorded_are_authentic(pair):
     observed, navigation = pair
-    assert judged(observed, navigation)[0].verdict == "authentic"
+    assert judge_pair(observed, navigation)[0].verdict == "authentic"
 
 
 @pytest.mark.parametrize("row", [50, 88], ids=["between windows", "within one"])
 def test_halves_of_two_receivers_swapped_are_not_authentic(pair, row):
     (one, other), navigation = pair
-    verdict, found = judged((halves(one, other, row), halves(other, one, row)), navigation)
+    verdict, found = judge_pair((join_halves(one, other, row), join_halves(other, one, row)), navigation)
     assert verdict.verdict == "suspect"
     steps = [e.data for e in found if (e.detector, e.code) == ("continuity", "step")]
     assert {(bool(step["broke"]), step["kinds"][0]) for step in steps} == {(True, "position")}
@@ -83,7 +83,7 @@ def test_halves_of_two_receivers_swapped_are_not_authentic(pair, row):
 @pytest.mark.long
 def test_a_file_joined_to_itself_is_not_authentic(tmp_path):
     front_end = FrontEnd(rate_hz=2_600_000, encoding="sign-magnitude", bits=2)
-    recorded = kit.record(kit.scenario_of(duration_s=16.0, front_end=front_end), tmp_path)
+    recorded = kit.record(kit.make_scenario(duration_s=16.0, front_end=front_end), tmp_path)
     for path in recorded.paths:
         path.write_bytes(2 * path.read_bytes())
     result = protect(recorded.paths, nav=recorded.nav)

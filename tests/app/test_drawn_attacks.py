@@ -17,7 +17,7 @@ from skyproof.studies.random_scenes import build_scene, draw_scene
 BENCH = Path(__file__).parents[2] / "bench"
 
 
-def _bench() -> ModuleType:
+def _load_bench() -> ModuleType:
     sys.path.insert(0, str(BENCH))
     try:
         return importlib.import_module("drawn")
@@ -25,12 +25,12 @@ def _bench() -> ModuleType:
         sys.path.remove(str(BENCH))
 
 
-drawn = _bench()
+drawn = _load_bench()
 SHORT = {"duration_s": 25.0, "most_receivers": 2}
 """Of the scenes of the fast tests."""
 
 
-def rows_of(attacks: int, clean: int, **options) -> list[dict]:
+def draw_rows(attacks: int, clean: int, **options) -> list[dict]:
     rows = [drawn.examined(name, **options) for name in drawn.names_of({"attack": attacks, "clean": clean})]
     return [row for row in rows if row["verdict"] != "no scene"]
 
@@ -40,7 +40,7 @@ def test_a_row_follows_from_its_name():
     assert first | {"seconds": 0.0} == other | {"seconds": 0.0}
 
 
-def names(rows):
+def list_names(rows):
     return [row["name"] for row in rows]
 
 
@@ -52,14 +52,14 @@ def test_a_late_copy_of_the_sky_counts_as_any_other_attack():
 
 
 def test_drawn_clean_skies_are_never_called_spoofed():
-    rows = rows_of(0, 4, **SHORT)
-    assert not names(row for row in rows if row["verdict"] == "spoofed" or row["wrong_labels"])
-    assert not names(drawn.wrong_attacks(rows))
+    rows = draw_rows(0, 4, **SHORT)
+    assert not list_names(row for row in rows if row["verdict"] == "spoofed" or row["wrong_labels"])
+    assert not list_names(drawn.wrong_attacks(rows))
 
 
 def test_no_drawn_attack_moves_a_trusted_fix():
-    rows = rows_of(8, 0, **SHORT)
-    assert not names(drawn.wrong_attacks(rows))
+    rows = draw_rows(8, 0, **SHORT)
+    assert not list_names(drawn.wrong_attacks(rows))
 
 
 def test_beside_possible_echoes_no_second_sky_is_shown_true():
@@ -73,12 +73,12 @@ def test_beside_possible_echoes_no_second_sky_is_shown_true():
 
 @pytest.mark.long
 def test_no_drawn_attack_of_hundreds_moves_a_trusted_fix():
-    rows = rows_of(300, 0)
-    assert not names(drawn.wrong_attacks(rows))
+    rows = draw_rows(300, 0)
+    assert not list_names(drawn.wrong_attacks(rows))
 
 
 @pytest.mark.long
 def test_hundreds_of_drawn_clean_skies_are_never_called_spoofed():
-    rows = rows_of(0, 300)
-    assert not names(row for row in rows if row["verdict"] == "spoofed" or row["wrong_labels"])
-    assert not names(drawn.wrong_attacks(rows))
+    rows = draw_rows(0, 300)
+    assert not list_names(row for row in rows if row["verdict"] == "spoofed" or row["wrong_labels"])
+    assert not list_names(drawn.wrong_attacks(rows))

@@ -24,14 +24,14 @@ from skyproof.report.fleet import write_fleet_html
 SAMPLE = Path(__file__).parent.parent / "formats" / "verdict-sample.json"
 
 
-def catalogue(folder: Path, *lines: str, encoding: str = "utf-8") -> Path:
+def write_catalogue(folder: Path, *lines: str, encoding: str = "utf-8") -> Path:
     path = folder / "catalogue.csv"
     path.write_text("\n".join(lines) + "\n", encoding=encoding)
     return path
 
 
 def test_a_line_is_what_protect_takes(tmp_path: Path) -> None:
-    path = catalogue(
+    path = write_catalogue(
         tmp_path,
         "name, inputs ,nav,antenna_distance_m,oscillator,platform",
         "harbour,a/bow.bin; a/stern.bin,brdc.22n,61.5,,",
@@ -51,7 +51,7 @@ def test_a_line_is_what_protect_takes(tmp_path: Path) -> None:
 @pytest.mark.parametrize("delimiter", [",", ";", "\t"])
 def test_columns_are_parted_by_what_the_first_line_shows(tmp_path: Path, delimiter: str) -> None:
     rows = (["name", "inputs", "nav"], ["pair", '"a.obs;b.obs"', "n.rnx"], ["mast", "c.obs", ""])
-    path = catalogue(tmp_path, *(delimiter.join(row) for row in rows))
+    path = write_catalogue(tmp_path, *(delimiter.join(row) for row in rows))
     assert read_catalogue(path) == [
         CatalogueItem(name="pair", inputs=("a.obs", "b.obs"), nav="n.rnx", settings={}),
         CatalogueItem(name="mast", inputs=("c.obs",), settings={}),
@@ -78,13 +78,13 @@ def test_columns_are_parted_by_what_the_first_line_shows(tmp_path: Path, delimit
 )  # fmt: skip
 def test_faults_of_a_catalogue_name_file_line_and_remedy(tmp_path: Path, lines: list[str], words: str) -> None:
     with pytest.raises(InputError) as raised:
-        read_catalogue(catalogue(tmp_path, *lines))
+        read_catalogue(write_catalogue(tmp_path, *lines))
     assert re.search(re.escape(f"{tmp_path / 'catalogue.csv'}: ") + words, str(raised.value))
 
 
 def test_a_setting_that_makes_no_sense_is_named_with_its_line(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match=r"catalogue\.csv: line 3: .*\bwindow_s = 1\.0, .*\b2\b"):
-        read_catalogue(catalogue(tmp_path, "inputs,window_s", "a,", "b,1"))
+        read_catalogue(write_catalogue(tmp_path, "inputs,window_s", "a,", "b,1"))
 
 
 def test_a_result_depends_on_what_its_item_reads(tmp_path: Path) -> None:
@@ -103,7 +103,7 @@ def test_a_result_depends_on_what_its_item_reads(tmp_path: Path) -> None:
         before = after
 
 
-def rows(folder: Path) -> list[FleetRow]:
+def read_rows(folder: Path) -> list[FleetRow]:
     done, bad, open_ = (
         CatalogueItem(name=name, inputs=("a.obs", "b.obs"), nav="n.rnx", settings={}) for name in ("<done>", "bad", "x")
     )
@@ -117,7 +117,7 @@ def rows(folder: Path) -> list[FleetRow]:
 
 
 def test_an_item_is_one_row_of_the_table(tmp_path: Path) -> None:
-    found = rows(tmp_path)
+    found = read_rows(tmp_path)
     write_rows(found, tmp_path / "fleet.parquet")
     table = pq.read_table(tmp_path / "fleet.parquet").to_pylist()
     assert [row["state"] for row in table] == ["done", "failed", "not run"]
@@ -132,14 +132,14 @@ def test_an_item_is_one_row_of_the_table(tmp_path: Path) -> None:
 
 
 def test_a_table_has_the_same_columns_whatever_came_out(tmp_path: Path) -> None:
-    found = rows(tmp_path)
+    found = read_rows(tmp_path)
     write_rows(found, tmp_path / "all.parquet")
     write_rows(found[2:], tmp_path / "none.parquet")
     assert pq.read_schema(tmp_path / "all.parquet") == pq.read_schema(tmp_path / "none.parquet")
 
 
 def test_the_page_lists_every_item_and_loads_nothing(tmp_path: Path) -> None:
-    page = write_fleet_html(rows(tmp_path))
+    page = write_fleet_html(read_rows(tmp_path))
     assert 'href="items/%3Cdone%3E/report.html">&lt;done&gt;</a>' in page
     assert "a.obs: absent &amp; more" in page
     assert page.index("1 failed") < page.index("1 not run") < page.index("same command")
@@ -147,15 +147,15 @@ def test_the_page_lists_every_item_and_loads_nothing(tmp_path: Path) -> None:
 
 
 def test_the_page_puts_first_what_needs_a_look(tmp_path: Path) -> None:
-    done = rows(tmp_path)[0]
+    done = read_rows(tmp_path)[0]
     found = [dataclasses.replace(done, name=word, verdict=word) for word in ("authentic", "no_attack_seen", "suspect")]
     page = write_fleet_html(found)
     assert page.index("<h2>1 suspect") < page.index("<h2>1 no ") < page.index("<h2>1 authentic")
     assert page.count("Since, GPS time") == 1  # of what is suspect
 
 
-def of_one_satellite(path: Path) -> None:
-    """Leave the first satellite of each epoch of an observation file."""
+def keep_one_satellite(path: Path) -> None:
+    """Remove all but the first satellite of each epoch from an observation file."""
     lines = path.read_text(encoding="ascii").splitlines()
     kept, after = [], 99
     for line in lines:
@@ -169,8 +169,8 @@ def of_one_satellite(path: Path) -> None:
 
 def test_an_item_that_no_test_can_run_on_has_failed(tmp_path: Path) -> None:
     made = simulate("clean", out=tmp_path / "in", duration_s=12.0, depth="measurements").observations
-    of_one_satellite(made[0])
-    path = catalogue(tmp_path, "name,inputs,nav", f"few,in/{made[0].name},in/broadcast.rnx")
+    keep_one_satellite(made[0])
+    path = write_catalogue(tmp_path, "name,inputs,nav", f"few,in/{made[0].name},in/broadcast.rnx")
     result = fleet(path, out=tmp_path / "out", workers=1)
     assert result.counts == {"failed": 1}
     assert "no test" in (result.rows[0].error or "")
@@ -180,19 +180,19 @@ def test_a_cluster_without_ray_says_what_to_install(tmp_path: Path, monkeypatch:
     monkeypatch.setitem(sys.modules, "ray", None)
     monkeypatch.delitem(sys.modules, "skyproof.batch.ray_nodes", raising=False)
     with pytest.raises(SettingsError, match=r"skyproof\[ray\]"):
-        fleet(catalogue(tmp_path, "inputs", "a"), out=tmp_path / "out", ray="auto")
+        fleet(write_catalogue(tmp_path, "inputs", "a"), out=tmp_path / "out", ray="auto")
 
 
 @pytest.mark.parametrize(("workers", "ray", "words"), [(0, None, "workers is 0"), (1, "auto", "both given")])
 def test_workers_that_make_no_sense_are_refused(tmp_path: Path, workers: int, ray: str | None, words: str) -> None:
     with pytest.raises(SkyproofError, match=words):
-        fleet(catalogue(tmp_path, "inputs", "a"), out=tmp_path / "out", workers=workers, ray=ray)
+        fleet(write_catalogue(tmp_path, "inputs", "a"), out=tmp_path / "out", workers=workers, ray=ray)
     assert not (tmp_path / "out").exists()
 
 
-def bad_fleet(folder: Path, out: Path, *lines: str, **options: bool) -> FleetResult:
-    """A fleet whose inputs are not there; quick."""
-    return fleet(catalogue(folder, "name,inputs", *lines), out=out, workers=1, **options)
+def run_bad_fleet(folder: Path, out: Path, *lines: str, **options: bool) -> FleetResult:
+    """Run a fleet whose inputs do not exist."""
+    return fleet(write_catalogue(folder, "name,inputs", *lines), out=out, workers=1, **options)
 
 
 @pytest.mark.parametrize("name", ["fleet.html", "items"])
@@ -201,36 +201,36 @@ def test_what_is_of_no_fleet_is_not_overwritten(tmp_path: Path, name: str, overw
     out = tmp_path / "out"
     (out / "items").mkdir(parents=True) if name == "items" else (out.mkdir(), (out / name).write_text("mine"))
     with pytest.raises(OutputError, match=rf"\b{re.escape(name)} .*\boverwritten"):
-        bad_fleet(tmp_path, out, "a,a.obs", overwrite=overwrite)
+        run_bad_fleet(tmp_path, out, "a,a.obs", overwrite=overwrite)
     assert [path.name for path in out.iterdir()] == [name]
 
 
 def test_results_of_other_files_are_replaced_only_if_asked_to(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert bad_fleet(tmp_path, out, "a,a.obs").counts == {"failed": 1}
-    assert bad_fleet(tmp_path, out, "a,a.obs").counts == {"failed": 1}  # goes on
+    assert run_bad_fleet(tmp_path, out, "a,a.obs").counts == {"failed": 1}
+    assert run_bad_fleet(tmp_path, out, "a,a.obs").counts == {"failed": 1}  # goes on
     for done in ((out / "items" / "a" / "verdict.json"), (out / ".skyproof-batch" / "done" / "a")):
         done.parent.mkdir(exist_ok=True)
         done.write_text("foreign")
     with pytest.raises(OutputError, match=r": a; .*--overwrite"):
-        bad_fleet(tmp_path, out, "a,a.obs")
+        run_bad_fleet(tmp_path, out, "a,a.obs")
     assert (out / "items" / "a" / "verdict.json").read_text() == "foreign"
-    assert bad_fleet(tmp_path, out, "a,a.obs", overwrite=True).counts == {"failed": 1}
+    assert run_bad_fleet(tmp_path, out, "a,a.obs", overwrite=True).counts == {"failed": 1}
     assert not (out / "items" / "a").exists()
 
 
 def test_a_fleet_that_is_refused_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("skyproof.batch.Processes.__enter__", lambda _: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        bad_fleet(tmp_path, tmp_path / "out", "a,a.obs")
+        run_bad_fleet(tmp_path, tmp_path / "out", "a,a.obs")
     assert [path.name for path in tmp_path.iterdir()] == ["catalogue.csv"]
 
 
 # Whole fleets
 
 
-def small_fleet(folder: Path, pairs: int) -> Path:
-    """Pairs of receivers as RINEX, and one line whose input is not there."""
+def write_small_fleet(folder: Path, pairs: int) -> Path:
+    """Write pairs of receivers as RINEX, and one line whose input does not exist."""
     lines = ["name,inputs,nav,antenna_separation_m", "absent,absent.obs,,"]
     for number in range(pairs):
         made = simulate(
@@ -238,11 +238,11 @@ def small_fleet(folder: Path, pairs: int) -> Path:
         ).observations
         inputs = ";".join(f"{number}/{path.name}" for path in made if not path.stem.endswith("-2"))
         lines.append(f"pair-{number},{inputs},{number}/broadcast.rnx,10")
-    return catalogue(folder, *lines)
+    return write_catalogue(folder, *lines)
 
 
-def contents(out: Path) -> dict[str, bytes]:
-    """Every byte that counts."""
+def read_contents(out: Path) -> dict[str, bytes]:
+    """Read every byte that counts."""
     files = [path for path in out.rglob("*") if path.is_file()]
     return {
         path.relative_to(out).as_posix(): path.read_bytes() for path in files if ".skyproof-batch" not in path.parts
@@ -253,12 +253,12 @@ def contents(out: Path) -> dict[str, bytes]:
 def test_a_fleet_gives_the_same_bytes_for_any_workers_and_kills(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = small_fleet(tmp_path / "in", 8)
+    path = write_small_fleet(tmp_path / "in", 8)
     one = fleet(path, out=tmp_path / "one", workers=1)
     assert one.counts["failed"] == 1
     assert sum(one.counts.values()) == 9
     assert "absent.obs" in (one.rows[0].error or "")
-    expected = contents(tmp_path / "one")
+    expected = read_contents(tmp_path / "one")
     assert sum(name.endswith("report.html") for name in expected) == 8
 
     monkeypatch.chdir(tmp_path)  # and named from elsewhere
@@ -267,7 +267,7 @@ def test_a_fleet_gives_the_same_bytes_for_any_workers_and_kills(
     begin = time.monotonic()
     fleet(path, out=tmp_path / "two", workers=2)
     whole_s = time.monotonic() - begin
-    assert contents(tmp_path / "two") == expected
+    assert read_contents(tmp_path / "two") == expected
 
     moments, killed, completed = random.Random(1), 0, 0
     while killed < 20 or not completed:
@@ -279,6 +279,6 @@ def test_a_fleet_gives_the_same_bytes_for_any_workers_and_kills(
             run.wait()
             killed += 1
         else:
-            assert contents(tmp_path / "killed") == expected
+            assert read_contents(tmp_path / "killed") == expected
             shutil.rmtree(tmp_path / "killed")
             completed += 1

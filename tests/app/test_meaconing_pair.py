@@ -50,10 +50,10 @@ class Truth:
     def place_ecef_m(self, receiver: str) -> np.ndarray:
         return np.array(next(r for r in self.scene["receivers"] if r["name"] == receiver)["position"]["ecef_m"])
 
-    def labels(
+    def label(
         self, receiver: str, sat: str, gpst: np.ndarray, elapsed_s: np.ndarray, range_m: np.ndarray
     ) -> np.ndarray:
-        """What each pseudorange is: "authentic" or "spoofed" if it is within 100 m of that signal's alone, else ""."""
+        """Label each pseudorange: "authentic" or "spoofed" if it is within 100 m of that signal's alone, else ""."""
         near = {}
         for label in ("authentic", "spoofed"):
             selected = (self.table["receiver"] == receiver) & (self.table["prn"] == str(int(sat[1:])))
@@ -84,7 +84,7 @@ class Run:
 
     @cached_property
     def signals(self) -> dict[str, np.ndarray]:
-        """signals.parquet where there is a pseudorange, with a column `true` of what each cell is in truth."""
+        """Read signals.parquet where there is a pseudorange, and add the column `true`, each cell's true label."""
         table = pq.read_table(self.folder / "signals.parquet")
         names = ("receiver", "receiver_clock", "sat", "copy", "pseudorange_m", "label")
         cells = {name: table[name].to_numpy() for name in names}
@@ -98,20 +98,20 @@ class Run:
                 selected = (cells["receiver"] == receiver.name) & (cells["sat"] == sat)
                 gpst = cells["receiver_clock"][selected]
                 elapsed_s = (gpst - start) / SECOND + round(begun_s)  # of the whole recording
-                cells["true"][selected] = self.truth.labels(
+                cells["true"][selected] = self.truth.label(
                     receiver.name, sat, gpst, elapsed_s, cells["pseudorange_m"][selected]
                 )
         return cells
 
-    def trusted(self, receiver: str) -> tuple[np.ndarray, np.ndarray]:
-        """Seconds since the scene's epoch and distance from the truth, of each trusted fix."""
+    def read_trusted(self, receiver: str) -> tuple[np.ndarray, np.ndarray]:
+        """Read seconds since the scene's epoch and the distance from the truth of each trusted fix."""
         rows = [row for row in self.fixes if row["receiver"] == receiver and row["kind"] == "trusted"]
         seconds = np.array([(np.datetime64(row["gpst"], "ns") - EPOCH) / SECOND for row in rows])
-        return seconds, np.array([distance_m(row, self.truth.place_ecef_m(receiver)) for row in rows])
+        return seconds, np.array([measure_distance_m(row, self.truth.place_ecef_m(receiver)) for row in rows])
 
 
-def distance_m(place, ecef_m: np.ndarray) -> float:
-    """From a row or record with lat_deg, lon_deg, height_m to a point."""
+def measure_distance_m(place, ecef_m: np.ndarray) -> float:
+    """Measure the distance from a row with lat_deg, lon_deg and height_m to a point."""
     get = place.get if isinstance(place, dict) else lambda name: getattr(place, name)
     lat_deg, lon_deg, height_m = (float(get(name)) for name in ("lat_deg", "lon_deg", "height_m"))
     return float(np.linalg.norm(ecef_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), height_m) - ecef_m))
@@ -123,8 +123,8 @@ def truth(shared_data):
 
 
 @pytest.fixture(scope="session")
-def protected(shared_data, truth, made_once):
-    """Run the command once for each set of arguments; what it printed is in stdout.json."""
+def protect_once(shared_data, truth, made_once):
+    """Run the command once for each set of arguments; stdout.json holds what it printed."""
 
     def protected(name: str, *options: str, receivers: tuple[str, ...] = RECEIVERS, nav: bool = True) -> Run:
         def fill(folder: Path) -> None:
@@ -142,8 +142,8 @@ def protected(shared_data, truth, made_once):
 
 
 @pytest.fixture(scope="session")
-def whole(protected):
-    return protected("whole")
+def whole(protect_once):
+    return protect_once("whole")
 
 
 # --- what every run on the pair must meet
@@ -160,7 +160,7 @@ def assert_no_false_label(run: Run) -> None:
 
 
 def assert_named(run: Run, label: str, at_least: int) -> None:
-    """That many satellites' signals of that label have it nearly all of their time, in both receivers."""
+    """Check that so many satellites' signals have that label nearly all of their time, in both receivers."""
     cells = run.signals
     for receiver in RECEIVERS:
         named = [
@@ -173,9 +173,9 @@ def assert_named(run: Run, label: str, at_least: int) -> None:
 
 
 def assert_trusted_fixes(run: Run, begin_s: float, end_s: float) -> None:
-    """Within 5 m in 95 % of epochs before the onset and after it; one a second from 5 s after the beginning on."""
+    """Check fixes once a second, from 5 s on, of which 95 % are within 5 m before the onset and after it."""
     for receiver in RECEIVERS:
-        seconds, error_m = run.trusted(receiver)
+        seconds, error_m = run.read_trusted(receiver)
         for part in (seconds < ONSET_S, seconds >= ONSET_S):
             assert not part.any() or np.percentile(error_m[part], 95) < 5.0
         wanted = set(range(int(begin_s) + 5, int(end_s) - 1))
@@ -207,17 +207,17 @@ def test_no_label_is_false_and_all_satellites_are_named(whole):
 def test_the_trusted_position_is_true_before_and_after_onset(whole):
     assert_trusted_fixes(whole, 0.0, 60.0)
     for receiver in whole.verdict.receivers:
-        assert distance_m(receiver.trusted_fix, whole.truth.place_ecef_m(receiver.name)) < 5.0
+        assert measure_distance_m(receiver.trusted_fix, whole.truth.place_ecef_m(receiver.name)) < 5.0
 
 
 def test_the_source_shows_the_meaconers_ears_late(whole):
     (source,) = whole.verdict.sources
     assert source.kind == "one antenna"
-    assert distance_m(source.shows, whole.truth.shown_ecef_m) < 10.0
+    assert measure_distance_m(source.shows, whole.truth.shown_ecef_m) < 10.0
     assert source.time_offset_s == pytest.approx(whole.truth.late_s["rx1"], abs=3e-8)
     assert len(whole.truth.sats & set(source.sats)) >= 10
     for receiver in whole.verdict.receivers:
-        assert distance_m(receiver.false_fix, whole.truth.shown_ecef_m) < 10.0
+        assert measure_distance_m(receiver.false_fix, whole.truth.shown_ecef_m) < 10.0
 
 
 def test_delays_to_the_authentic_signals_are_those_of_the_truth(whole):
@@ -301,8 +301,8 @@ def test_evidence_is_a_table_of_all_detectors(whole):
     assert all(because for because in table["because"])
 
 
-def observed(path: Path) -> dict[tuple[datetime, str], float]:
-    """C1C of a RINEX 3 file by epoch and satellite: a reader of its own."""
+def read_c1c(path: Path) -> dict[tuple[datetime, str], float]:
+    """Read C1C of a RINEX 3 file by epoch and satellite, by a reader of its own."""
     lines = path.read_text(encoding="ascii").splitlines()
     assert lines[0][:9].strip() == "3.05"
     assert lines[0][20] == "O"
@@ -324,7 +324,7 @@ def observed(path: Path) -> dict[tuple[datetime, str], float]:
 def test_rinex_observations_are_those_with_the_label(whole, kind, label):
     cells = whole.signals
     for receiver in RECEIVERS:
-        written = observed(whole.folder / f"{receiver}-{kind}.obs")
+        written = read_c1c(whole.folder / f"{receiver}-{kind}.obs")
         selected = (cells["receiver"] == receiver) & (cells["label"] == label)
         clock = cells["receiver_clock"][selected].astype("datetime64[us]")
         chosen = (clock.tolist(), cells["sat"][selected], cells["pseudorange_m"][selected])
@@ -370,7 +370,7 @@ def test_sentences_have_checksums_and_one_position_a_fix(whole):
     for sentence in sentences:
         body, checksum = sentence[1:].split("*")
         assert np.bitwise_xor.reduce(np.frombuffer(body.encode(), np.uint8)) == int(checksum, 16)
-    seconds, _ = whole.trusted("rx1")
+    seconds, _ = whole.read_trusted("rx1")
     positions = [sentence.split(",") for sentence in sentences if sentence[3:6] == "GGA"]
     assert len(positions) == seconds.size
     hdop, altitude_m, separation_m = np.array([[fields[k] for k in (8, 9, 11)] for fields in positions], float).T
@@ -392,8 +392,8 @@ def test_the_report_says_the_verdict_and_needs_no_network(whole):
 
 
 @pytest.mark.long
-def test_labels_and_accuracy_hold_without_a_navigation_file(protected):
-    run = protected("no-nav", nav=False)
+def test_labels_and_accuracy_hold_without_a_navigation_file(protect_once):
+    run = protect_once("no-nav", nav=False)
     assert run.verdict.verdict == "spoofed"
     assert_onset(run)
     assert_no_false_label(run)
@@ -402,13 +402,15 @@ def test_labels_and_accuracy_hold_without_a_navigation_file(protected):
     assert_trusted_fixes(run, 0.0, 60.0)
 
 
-def antenna_distance_m(truth):
+def measure_antenna_distance_m(truth):
     return float(np.linalg.norm(truth.place_ecef_m("rx1") - truth.place_ecef_m("rx2")))
 
 
 @pytest.mark.long
-def test_the_part_before_the_onset_is_authentic(protected, truth):
-    run = protected("before", "--duration-s", "22", "--antenna-distance-m", f"{antenna_distance_m(truth):.1f}")
+def test_the_part_before_the_onset_is_authentic(protect_once, truth):
+    run = protect_once(
+        "before", "--duration-s", "22", "--antenna-distance-m", f"{measure_antenna_distance_m(truth):.1f}"
+    )
     assert run.verdict.verdict == "authentic"
     assert (run.verdict.since_gpst, run.verdict.sources) == (None, ())
     assert {s.label for s in run.verdict.signals} == {"authentic"}
@@ -418,8 +420,8 @@ def test_the_part_before_the_onset_is_authentic(protected, truth):
 
 
 @pytest.mark.long
-def test_the_part_that_begins_under_attack_is_judged_as_well(protected):
-    run = protected("after", "--start-s", "27")
+def test_the_part_that_begins_under_attack_is_judged_as_well(protect_once):
+    run = protect_once("after", "--start-s", "27")
     assert run.verdict.verdict == "spoofed"
     assert run.verdict.from_start
     assert run.verdict.since_sigma_s is None
@@ -431,8 +433,8 @@ def test_the_part_that_begins_under_attack_is_judged_as_well(protected):
 
 @pytest.mark.long
 @pytest.mark.parametrize("nav", [True, False])
-def test_one_receiver_sees_two_skies_and_leaves_them_open(protected, nav):
-    run = protected(f"alone-{nav}", receivers=("rx1",), nav=nav)
+def test_one_receiver_sees_two_skies_and_leaves_them_open(protect_once, nav):
+    run = protect_once(f"alone-{nav}", receivers=("rx1",), nav=nav)
     assert run.verdict.verdict == "spoofed"
     assert run.verdict.reason
     assert {s.label for s in run.verdict.signals} == {"unknown"}
@@ -446,8 +448,8 @@ def test_one_receiver_sees_two_skies_and_leaves_them_open(protected, nav):
         ("authentic", run.truth.place_ecef_m("rx1"), 0.0),
         ("spoofed", run.truth.shown_ecef_m, run.truth.late_s["rx1"]),
     ):
-        source = min(run.verdict.sources, key=lambda source: distance_m(source.shows, place_ecef_m))
-        assert distance_m(source.shows, place_ecef_m) < 10.0
+        source = min(run.verdict.sources, key=lambda source: measure_distance_m(source.shows, place_ecef_m))
+        assert measure_distance_m(source.shows, place_ecef_m) < 10.0
         assert source.time_offset_s == pytest.approx(late_s, abs=3e-8)
         matching = [s for s in run.verdict.signals if s.source == source.name]
         assert {s.sat for s in matching} == set(source.sats)

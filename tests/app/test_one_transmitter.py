@@ -13,20 +13,20 @@ SHOWS = ScenePlace(lat_deg=57.6985, lon_deg=11.9275, height_m=60.0)  # 400 m off
 BESIDE_STERN = ScenePlace(lat_deg=57.7009, lon_deg=11.932967, height_m=51.2)  # 1 m from it, 60 m from bow
 
 
-def given(what):
-    """What is stated of the antennas."""
+def state_antennas(what):
+    """Return what is stated of the antennas."""
     places = {name: kit.ENU_M[name] for name in ("bow", "stern")}
     distance = {"antenna_distance_m": kit.DISTANCE_M}
     return {"nothing": {}, "distance": distance, "places": {"antennas_enu_m": places}}[what]
 
 
-def off_bounds(judged):
-    """Largest error of any trusted fix over its stated 95 % bound."""
+def find_largest_ratio(judged):
+    """Return the largest error of any trusted fix over its stated 95 % bound."""
     worst = 0.0
     for r in judged.result.outcome.receivers:
         if r.trusted is not None:
             good = r.trusted.status == 0
-            error_m = judged.trusted_error_m(r.reception.samples.name)[good]
+            error_m = judged.measure_trusted_error_m(r.reception.samples.name)[good]
             bound_m = 2.45 * np.sqrt(np.linalg.eigvalsh(r.trusted.covariance_m2[good, :3, :3]).max(axis=1))
             worst = max(worst, float(np.nanmax(error_m / bound_m, initial=0.0)))
     return worst
@@ -38,10 +38,10 @@ def test_one_captured_receiver_of_two_is_never_trusted(tmp_path, known):
     captured = Spoofer(
         shows=SHOWS, transmit=BESIDE_STERN, clock_offset_s=3e-6, onset_s=-10.0, power_db=-15.6, noise_db=-23.6
     )
-    judged = kit.protected(kit.scenario_of(attacks=(captured,)), tmp_path, **given(known))
+    judged = kit.protect_scenario(kit.make_scenario(attacks=(captured,)), tmp_path, **state_antennas(known))
     assert judged.verdict.verdict != "authentic"
     assert "no sign" not in judged.verdict.summary
-    assert off_bounds(judged) < 1.0
+    assert find_largest_ratio(judged) < 1.0
 
 
 @pytest.mark.parametrize("known", ["nothing", "distance", "places"])
@@ -55,9 +55,11 @@ def test_a_takeover_at_one_receiver_leaves_no_false_trusted_fix(tmp_path, known)
         power_points_db=((12.0, -20.0), (20.0, 0.0)),
         away_points_enu_m=((24.0, 0.0, 0.0, 0.0), (60.0, 1150.0, 350.0, 0.0)),
     )
-    judged = kit.protected(kit.scenario_of(attacks=(takeover,), duration_s=60.0), tmp_path, **given(known))
+    judged = kit.protect_scenario(
+        kit.make_scenario(attacks=(takeover,), duration_s=60.0), tmp_path, **state_antennas(known)
+    )
     assert judged.verdict.verdict == "spoofed"
-    assert off_bounds(judged) < 1.5
+    assert find_largest_ratio(judged) < 1.5
     onset = judged.scene.scenario.start_gpst + np.timedelta64(12, "s")
     assert np.datetime64(judged.verdict.since_latest_gpst) >= onset
     assert judged.verdict.since_earliest_gpst is None  # it may have lain hidden in the true signals for any time
@@ -74,18 +76,18 @@ def test_a_few_second_signals_from_two_antennas_are_counted(tmp_path):
         sats=("G07", "G17"),
         antennas=(TransmitAntenna(lat_deg=57.7035, lon_deg=11.9346, height_m=58.0, sats=("G17",)),),
     )
-    judged = kit.protected(kit.scenario_of(attacks=(few,)), tmp_path, **given("distance"))
+    judged = kit.protect_scenario(kit.make_scenario(attacks=(few,)), tmp_path, **state_antennas("distance"))
     assert judged.verdict.verdict != "authentic"
     assert [s.kind for s in judged.result.outcome.decision.unexplained] == ["rival"] * 4
-    assert off_bounds(judged) < 1.0
+    assert find_largest_ratio(judged) < 1.0
 
 
 def test_a_late_repeated_sky_in_one_receiver_is_no_attack(tmp_path):
-    scenario = kit.scenario_of()
+    scenario = kit.make_scenario()
     stern = scenario.receivers[1].model_copy(update={"multipath": (Multipath(delay_m=450.0, power_db=-6.0),)})
     scenario = scenario.model_copy(update={"receivers": (scenario.receivers[0], stern)})
-    judged = kit.protected(scenario, tmp_path, **given("distance"))
+    judged = kit.protect_scenario(scenario, tmp_path, **state_antennas("distance"))
     assert judged.verdict.verdict == "authentic"
     assert {s.label for s in judged.verdict.signals if s.receiver == "bow"} == {"authentic"}
     assert {s.label for s in judged.verdict.signals if s.receiver == "stern"} == {"authentic", "multipath"}
-    assert off_bounds(judged) < 1.5
+    assert find_largest_ratio(judged) < 1.5

@@ -36,7 +36,7 @@ GOTHENBURG = 57.70, 11.94
 TRANSMIT = {"lat_deg": 57.7004, "lon_deg": 11.9412, "height_m": 60.0}
 
 
-def sky(
+def simulate_sky(
     kinds,
     *,
     place=GOTHENBURG,
@@ -83,13 +83,13 @@ def sky(
     geometries = make_ideal_measurements(scene, interval_s=interval_s, kinds=sent)
     observed, labels = draw(geometries, rng=rng, noise=noise or NoiseModel(sigma_m=0.5, constant_m=0.5))
     if attacks:
-        observed = tuple(one_of_two(o, labels, false) for o in observed)
+        observed = tuple(select_one_of_two(o, labels, false) for o in observed)
     larger = replace(truth.ionosphere, alpha=tuple(0.8 * a for a in truth.ionosphere.alpha))
     return observed, replace(truth, ionosphere=larger), labels
 
 
-def one_of_two(o, labels, false):
-    """Of the kinds that are imitated the false signals alone, of the others the true ones."""
+def select_one_of_two(o, labels, false):
+    """Select the false signals of the kinds that are imitated and the true ones of the others."""
     wanted = [(labels[SignalRef(o.receiver, s)] == "spoofed") == (s.kind in false) for s in o.signals]
     kept = np.flatnonzero(wanted)
     names = [f for f in o.__dataclass_fields__ if f not in ("receiver", "signals", "gpst", "elapsed_s", "averaged_s")]
@@ -97,20 +97,20 @@ def one_of_two(o, labels, false):
     return replace(o, signals=tuple(o.signals[k] for k in kept), **picked)
 
 
-def judged(observed, navigation, **options):
-    """Evidence and decision of all windows, as `protect` makes them."""
+def judge(observed, navigation, **options):
+    """Return evidence and decision of all windows, as `protect` makes them."""
     settings = Settings(**options)
     session = open_session([WholeSource(o) for o in observed], navigation, settings)
     evidence, sets, _ = examine_all(session, Silent())
     return evidence, sets, fuse(evidence, observed, sets)
 
 
-def words(evidence):
+def list_words(evidence):
     return Counter((e.detector, e.says) for e in evidence)
 
 
-def labelled(decision, *, false=()):
-    """How many signals have which label: those of the kinds `false`, and the others."""
+def count_labels(decision, *, false=()):
+    """Count the signals of each label: those of the kinds `false`, and the others."""
     of = {True: Counter(), False: Counter()}
     for s in decision.labels:
         of[s.ref.signal.kind in false][s.label] += 1
@@ -124,16 +124,16 @@ LONG = pytest.mark.long
     "kinds", [ALL, *(pytest.param(k, marks=LONG) for k in (TWO_BANDS, THREE_SYSTEMS, FOUR_SYSTEMS))]
 )
 def test_a_clean_sky_of_several_kinds_is_one_set_and_authentic(kinds):
-    observed, navigation, _ = sky(kinds)
-    evidence, sets, decision = judged(observed, navigation, antenna_distance_m=40.0)
+    observed, navigation, _ = simulate_sky(kinds)
+    evidence, sets, decision = judge(observed, navigation, antenna_distance_m=40.0)
     assert not [e for e in evidence if e.says in ("attack", "spoofed") or e.failed]
     assert all({s.kind for s in found.signals} == set(kinds) for found in sets)
     assert all(set(found.offsets_s) == set(kinds) for found in sets)
     assert decision.verdict == "authentic"
 
 
-def with_sats(o, wanted):
-    """The first so many satellites of each system, by how high they stand in the list; others are not received."""
+def keep_satellites(o, wanted):
+    """Keep the first so many satellites of each system, in the order of the list."""
     sats = {system: sorted({s.sat for s in o.signals if s.sat[0] == system})[:n] for system, n in wanted.items()}
     kept = np.array([s.sat in sats.get(s.sat[0], ()) for s in o.signals])
     return replace(o, pseudorange_m=np.where(kept, o.pseudorange_m, np.nan))
@@ -141,14 +141,14 @@ def with_sats(o, wanted):
 
 @pytest.fixture(scope="module")
 def clean():
-    """The first of two receivers, and the orbits."""
-    observed, navigation, _ = sky((("G", "L1", "CA"), ("E", "E1", "C")))
+    """Simulate the first of two receivers, and its orbits."""
+    observed, navigation, _ = simulate_sky((("G", "L1", "CA"), ("E", "E1", "C")))
     return observed[0], navigation
 
 
 def test_few_satellites_of_a_system_join_with_their_own_clock(clean):
     o, navigation = clean
-    (found,) = find_consistent_sets(with_sats(o, {"G": 8, "E": 3}), navigation)
+    (found,) = find_consistent_sets(keep_satellites(o, {"G": 8, "E": 3}), navigation)
     assert Counter(s.sat[0] for s in found.signals) == {"G": 8, "E": 3}
     assert found.dof == 8 - 4  # the few do not move the position
     (whole,) = find_consistent_sets(o, navigation)
@@ -157,7 +157,7 @@ def test_few_satellites_of_a_system_join_with_their_own_clock(clean):
 
 def test_one_satellite_alone_with_its_clock_is_in_no_set(clean):
     o, navigation = clean
-    (found,) = find_consistent_sets(with_sats(o, {"G": 8, "E": 1}), navigation)
+    (found,) = find_consistent_sets(keep_satellites(o, {"G": 8, "E": 1}), navigation)
     assert {s.sat[0] for s in found.signals} == {"G"}
 
 
@@ -166,20 +166,20 @@ def test_few_satellites_that_do_not_fit_the_sky_are_left_out(clean):
     moved = o.pseudorange_m.copy()
     for k, signal in enumerate(o.signals):
         moved[:, k] += 90.0 * (signal.sat[0] == "E") * (k % 3)  # three that no one clock makes up for
-    (found,) = find_consistent_sets(with_sats(replace(o, pseudorange_m=moved), {"G": 8, "E": 3}), navigation)
+    (found,) = find_consistent_sets(keep_satellites(replace(o, pseudorange_m=moved), {"G": 8, "E": 3}), navigation)
     assert "E" not in {s.sat[0] for s in found.signals}
 
 
 def test_four_satellites_of_each_system_make_one_sky_or_none(clean):
     o, navigation = clean
-    few = with_sats(o, {"G": 4, "E": 4})
+    few = keep_satellites(o, {"G": 4, "E": 4})
     (found,) = find_consistent_sets(few, navigation)
     assert len(found.signals) == 8
     assert found.dof == 8 - 3 - 2
     moved = few.pseudorange_m.copy()
     moved[:, next(k for k, s in enumerate(o.signals) if s.sat[0] == "E")] += 150.0
     assert find_consistent_sets(replace(few, pseudorange_m=moved), navigation) == ()
-    assert find_consistent_sets(with_sats(o, {"G": 3, "E": 2}), navigation) == ()  # as many unknowns as signals
+    assert find_consistent_sets(keep_satellites(o, {"G": 3, "E": 2}), navigation) == ()  # as many unknowns as signals
 
 
 def test_what_one_kind_steps_by_leaves_the_others_as_they_were(clean):
@@ -205,7 +205,7 @@ def test_what_one_kind_steps_by_leaves_the_others_as_they_were(clean):
 
 
 def test_a_fix_goes_over_to_the_band_that_is_left():
-    (o, _), navigation, _ = sky(TWO_BANDS)
+    (o, _), navigation, _ = simulate_sky(TWO_BANDS)
     first = np.array([s.band == "L1" for s in o.signals])
     lost = replace(o, pseudorange_m=np.where(first & (o.elapsed_s > 6.0)[:, None], np.nan, o.pseudorange_m))
     fix = fix_of(lost, navigation, multipath_sigma_m=1.0, elevation_mask_deg=5.0)
@@ -217,8 +217,8 @@ def test_a_fix_goes_over_to_the_band_that_is_left():
     assert np.linalg.norm(np.diff(fix.position_ecef_m, axis=0), axis=1).max() < 15.0
 
 
-def spoofer(east_m=400.0, north_m=300.0, clock_s=0.0):
-    """Shows a place so far from the first receiver, by a transmitter a kilometre or so away in another direction."""
+def make_spoofer(east_m=400.0, north_m=300.0, clock_s=0.0):
+    """Make a spoofer that shows a place so far from the first receiver, from about a kilometre away."""
     lat_deg, lon_deg = GOTHENBURG
     shows = ScenePlace(
         lat_deg=lat_deg + north_m / 111_200.0,
@@ -228,9 +228,11 @@ def spoofer(east_m=400.0, north_m=300.0, clock_s=0.0):
     return Spoofer(transmit=ScenePlace(**TRANSMIT), shows=shows, clock_offset_s=clock_s, onset_s=-10.0)
 
 
-def attacked(kinds, false, *, attack=None, distance_m=40.0, receivers=2, **options):
-    observed, navigation, _ = sky(kinds, attacks=(attack or spoofer(),), false=false, distance_m=distance_m)
-    evidence, _, decision = judged(observed[:receivers], navigation, **options)
+def attack(kinds, false, *, attack=None, distance_m=40.0, receivers=2, **options):
+    observed, navigation, _ = simulate_sky(
+        kinds, attacks=(attack or make_spoofer(),), false=false, distance_m=distance_m
+    )
+    evidence, _, decision = judge(observed[:receivers], navigation, **options)
     return evidence, decision
 
 
@@ -245,7 +247,7 @@ ONE_FALSE = [
 
 @pytest.mark.parametrize(("kinds", "false"), ONE_FALSE)
 def test_one_receiver_sees_kinds_disagree_and_names_none(kinds, false):
-    evidence, decision = attacked(kinds, false, receivers=1)
+    evidence, decision = attack(kinds, false, receivers=1)
     (finding, *_) = [e for e in evidence if e.detector == "residual"]
     assert finding.says == "attack"
     assert finding.p_value < 1e-9
@@ -257,8 +259,8 @@ def test_one_receiver_sees_kinds_disagree_and_names_none(kinds, false):
 @pytest.mark.parametrize(("kinds", "false"), ONE_FALSE)
 def test_two_receivers_name_the_false_kind_and_trust_the_rest(kinds, false):
     # At 40 m seven satellites of one kind leave it open which sky is true in one draw of four.
-    _, decision = attacked(kinds, false, distance_m=80.0)
-    of_false, of_true = labelled(decision, false=false)
+    _, decision = attack(kinds, false, distance_m=80.0)
+    of_false, of_true = count_labels(decision, false=false)
     assert decision.verdict == "spoofed"
     assert set(of_false) == {"spoofed"}
     assert of_true["authentic"] > 0.8 * of_true.total()
@@ -267,8 +269,8 @@ def test_two_receivers_name_the_false_kind_and_trust_the_rest(kinds, false):
 
 def test_a_false_constellation_is_named_by_a_known_distance():
     false = (("G", "L1", "CA"),)
-    _, decision = attacked(THREE_SYSTEMS, false, attack=spoofer(0.0, 0.0), distance_m=80.0, antenna_distance_m=80.0)
-    of_false, of_true = labelled(decision, false=false)
+    _, decision = attack(THREE_SYSTEMS, false, attack=make_spoofer(0.0, 0.0), distance_m=80.0, antenna_distance_m=80.0)
+    of_false, of_true = count_labels(decision, false=false)
     assert set(of_false) == {"spoofed"}
     assert set(of_true) == {"authentic"}
 
@@ -277,16 +279,16 @@ def test_a_false_constellation_is_not_trusted_without_a_distance():
     # Whether it is G that is true, or E and C are, two receivers alone cannot say.
     false = (("G", "L1", "CA"),)
     for distance_m in (10.0, 200.0):  # the receivers' places are within a receiver's noise of each other, or are not
-        _, decision = attacked(THREE_SYSTEMS, false, attack=spoofer(0.0, 0.0), distance_m=distance_m)
+        _, decision = attack(THREE_SYSTEMS, false, attack=make_spoofer(0.0, 0.0), distance_m=distance_m)
         assert decision.verdict == ("spoofed" if distance_m > 100.0 else "no_attack_seen")
         assert {s.label for s in decision.labels} <= {"unknown", "multipath"}
 
 
 def test_a_false_system_time_beyond_receivers_is_an_attack():
-    evidence, decision = attacked(
-        THREE_SYSTEMS, (("G", "L1", "CA"),), attack=spoofer(0.0, 0.0, clock_s=5e-6), receivers=1
+    evidence, decision = attack(
+        THREE_SYSTEMS, (("G", "L1", "CA"),), attack=make_spoofer(0.0, 0.0, clock_s=5e-6), receivers=1
     )
-    assert ("residual", "attack") in words(evidence)
+    assert ("residual", "attack") in list_words(evidence)
     assert decision.verdict == "spoofed"
 
 
@@ -294,7 +296,9 @@ PIECE_S, WINDOW_S = 1200.0, 30.0
 
 
 def clean_pieces(kinds, pieces, seed):
-    """Twenty minutes each, anywhere between 65 degrees south and north, at any time: what detectors and fusion say.
+    """Judge pieces of twenty minutes at any place between 65 degrees south and north, at any time. Errors are as large
+    as the settings say, drawn anew for every piece: white or slow noise of code, and one error that stays for each
+    signal.
 
     Errors are as large as the settings say, drawn anew for every piece: white or slow noise of code, and one error that
     stays for each signal.
@@ -304,7 +308,7 @@ def clean_pieces(kinds, pieces, seed):
     for number in range(pieces):
         distance_m = float(rng.uniform(20.0, 150.0))
         since_s = int(rng.integers(126_230_400))
-        observed, navigation, _ = sky(
+        observed, navigation, _ = simulate_sky(
             kinds,
             place=(float(np.degrees(np.arcsin(rng.uniform(-0.9, 0.9)))), float(rng.uniform(-180.0, 180.0))),
             start=np.datetime64("2021-01-01T00:00:00", "ns") + np.timedelta64(since_s, "s"),
@@ -315,7 +319,7 @@ def clean_pieces(kinds, pieces, seed):
             rng=rng,
         )
         given_m = distance_m if number % 2 else None
-        evidence, sets, decision = judged(observed, navigation, antenna_distance_m=given_m, window_s=WINDOW_S)
+        evidence, sets, decision = judge(observed, navigation, antenna_distance_m=given_m, window_s=WINDOW_S)
         count["windows"] += len({e.start_gpst for e in evidence})
         count["parted"] += len(sets) - len({(s.gpst, s.receiver) for s in sets})
         for e in evidence:
@@ -328,7 +332,7 @@ def clean_pieces(kinds, pieces, seed):
     return count
 
 
-def alarms_of(count):
+def count_alarms(count):
     return {name: n for name, n in count.items() if n and name.endswith(("alarms", "failed", "labels"))}
 
 
@@ -340,4 +344,4 @@ def test_ten_hours_of_clean_sky_raise_no_detector_above_its_rate(kinds):
     print(kinds, dict(count))
     assert hours >= 9.9
     # Asked for: 0.001 an hour for all detectors, receivers and windows together.
-    assert stats.poisson.sf(sum(alarms_of(count).values()) - 1, 1e-3 * hours) > 1e-3, alarms_of(count)
+    assert stats.poisson.sf(sum(count_alarms(count).values()) - 1, 1e-3 * hours) > 1e-3, count_alarms(count)

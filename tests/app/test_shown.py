@@ -15,12 +15,12 @@ from skyproof.simulator.scenes import read_ready_made
 NOBODY = NavigationData(ephemerides=(), ionosphere=None, utc=None, source="nothing")
 
 
-def samples(name: str) -> Samples:
+def describe_samples(name: str) -> Samples:
     return Samples(name=name, rate_hz=1e6, n_samples=0, read=lambda start, count: np.zeros((2, 0), np.float32))
 
 
-def observations(receiver: str) -> Observations:
-    """Two signals over three epochs; the second never gave a time."""
+def make_observations(receiver: str) -> Observations:
+    """Make two signals over three epochs; the second never gave a time."""
     cells = np.full((3, 2), np.nan)
     cells[:, 0] = 1.0
     return Observations(
@@ -42,10 +42,15 @@ def observations(receiver: str) -> Observations:
 
 
 def test_received_signals_and_silent_receivers_are_shown() -> None:
-    o = observations("bow")
-    heard = Reception(source=samples("bow"), observations=o, decoded=NOBODY, n_signals=2, examined_s=3.0)
+    o = make_observations("bow")
+    heard = Reception(source=describe_samples("bow"), observations=o, decoded=NOBODY, n_signals=2, examined_s=3.0)
     deaf = Reception(
-        source=samples("<stern>"), observations=None, decoded=NOBODY, n_signals=0, examined_s=3.0, left_out="deaf"
+        source=describe_samples("<stern>"),
+        observations=None,
+        decoded=NOBODY,
+        n_signals=0,
+        examined_s=3.0,
+        left_out="deaf",
     )
     result = ReceiveResult(receptions=(heard, deaf), signals=(list_signals(heard.observations), ()))._repr_html_()
     for reported in (
@@ -77,12 +82,12 @@ def test_a_scene_is_shown_with_the_files_that_there_are(tmp_path) -> None:
 
 
 def track_at(receiver: str, x_m: float) -> Track:
-    """Two epochs at one place."""
+    """Make a track of two epochs at one place."""
     one = np.zeros(1)
     last = Fix(
         receiver=receiver,
         signals=(SignalId("G05"),),
-        gpst=observations(receiver).gpst[1:2],
+        gpst=make_observations(receiver).gpst[1:2],
         position_ecef_m=np.array([[x_m, 0.0, 0.0]]),
         velocity_ecef_m_s=np.zeros((1, 3)),
         clock_bias_s=one,
@@ -92,11 +97,13 @@ def track_at(receiver: str, x_m: float) -> Track:
         status=np.zeros(1, np.uint8),
     )
     place_m = np.tile([x_m, 0.0, 0.0], (2, 1))
-    return Track(gpst=observations(receiver).gpst[:2], position_ecef_m=place_m, clock_bias_s=np.zeros(2), last=last)
+    return Track(
+        gpst=make_observations(receiver).gpst[:2], position_ecef_m=place_m, clock_bias_s=np.zeros(2), last=last
+    )
 
 
 def test_while_two_skies_are_open_both_fixes_are_given() -> None:
-    heard = Reception(source=samples("bow"), observations=None, decoded=NOBODY, n_signals=8, examined_s=3.0)
+    heard = Reception(source=describe_samples("bow"), observations=None, decoded=NOBODY, n_signals=8, examined_s=3.0)
     skies = {"S1": track_at("bow", 6.378137e6), "S2": track_at("bow", 6.378237e6)}
     outcome = ReceiverOutcome(reception=heard, tracks=skies | {"unprotected": skies["S2"]})
     assert list_kinds(outcome) == ["unprotected", "S1", "S2"]

@@ -14,8 +14,8 @@ from skyproof.studies.receiver_model import ChannelNoise, model_receptions
 
 
 @pytest.fixture(scope="module")
-def heard():
-    """What both receivers of a ready-made scene measure, and the orbits."""
+def measurements():
+    """Simulate what both receivers of a ready-made scene measure, and the orbits."""
     made = {}
 
     def heard(name):
@@ -30,8 +30,8 @@ def heard():
     return heard
 
 
-def judged(heard, **given):
-    """The outcome, its document, and (label, whether false) of every signal's epochs."""
+def judge_scene(heard, **given):
+    """Return the outcome, its document, and (label, whether false) of every signal's epochs."""
     own, navigation = heard
     settings = Settings(**given)
     outcome, _ = judge([h.reception for h in own], navigation, settings, Silent())
@@ -45,15 +45,15 @@ def judged(heard, **given):
     return outcome, document(outcome, (), settings), epochs
 
 
-def test_four_of_ten_from_two_antennas_are_always_an_attack(heard):
-    _, verdict, epochs = judged(heard("some-satellites"))
+def test_four_of_ten_from_two_antennas_are_always_an_attack(measurements):
+    _, verdict, epochs = judge_scene(measurements("some-satellites"))
     assert verdict.verdict == "spoofed"
     assert "no sign" not in verdict.summary
     assert {label for label, _ in epochs} == {"unknown"}
 
 
-def test_four_of_ten_from_two_antennas_are_named_by_distance(heard):
-    outcome, verdict, epochs = judged(heard("some-satellites"), antenna_distance_m=40.0)
+def test_four_of_ten_from_two_antennas_are_named_by_distance(measurements):
+    outcome, verdict, epochs = judge_scene(measurements("some-satellites"), antenna_distance_m=40.0)
     assert verdict.verdict == "spoofed"
     assert len(outcome.decision.sources) == 2
     assert set(epochs) <= {("authentic", False), ("spoofed", True), ("unknown", True)}
@@ -63,8 +63,8 @@ def test_four_of_ten_from_two_antennas_are_named_by_distance(heard):
     assert all(source.one_antenna for source in outcome.decision.sources)
 
 
-def test_a_shared_sky_is_named_whole_by_a_known_distance(heard):
-    _, verdict, epochs = judged(heard("two-antennas"), antenna_distance_m=20.0)
+def test_a_shared_sky_is_named_whole_by_a_known_distance(measurements):
+    _, verdict, epochs = judge_scene(measurements("two-antennas"), antenna_distance_m=20.0)
     assert verdict.verdict == "spoofed"
     assert len({sat for source in verdict.sources for sat in source.sats}) == 10
     assert set(epochs) == {("authentic", False), ("spoofed", True)}

@@ -35,15 +35,15 @@ def fake_work(given: Fake, folder: Path) -> None:
     (folder / "half.txt").write_text("whole\n")
 
 
-def broken_work(given: Fake, folder: Path) -> None:
+def fail_work(given: Fake, folder: Path) -> None:
     raise ZeroDivisionError(f"of {given.number}")
 
 
-def item(fake: Fake, version: str = "1") -> Item:
+def make_item(fake: Fake, version: str = "1") -> Item:
     return Item(key=f"item-{fake.number}", given=fake, same_as=f"{fake.number} {version}")
 
 
-def content(folder: Path) -> dict[str, bytes]:
-    """Every result by its path."""
+def read_results(folder: Path) -> dict[str, bytes]:
+    """Read every result by its path."""
     items = folder / "items"
     return {path.relative_to(items).as_posix(): path.read_bytes() for path in items.rglob("*") if path.is_file()}

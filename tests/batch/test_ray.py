@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.app.test_fleet import contents, small_fleet
-from tests.batch.fake_work import Fake, content, fake_work, item
+from tests.app.test_fleet import read_contents, write_small_fleet
+from tests.batch.fake_work import Fake, fake_work, make_item, read_results
 
 from skyproof.app.fleet import fleet
 from skyproof.batch import Processes, Store, run
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.long
 
 @pytest.fixture
 def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """Its first node; tests add others."""
+    """Start the first node of a cluster; tests add others."""
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
     made = pytest.importorskip("ray.cluster_utils").Cluster(
         initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False}
@@ -33,8 +33,8 @@ def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 
 @contextmanager
-def removal(cluster: Any, out: Path, after: int) -> Iterator[list[int]]:
-    """While the block lasts: a node is killed when so many items are done. Gives how many were, then."""
+def remove_node(cluster: Any, out: Path, after: int) -> Iterator[list[int]]:
+    """Kill a node once so many items are done, while the block lasts. Return how many were done then."""
     node, at = cluster.add_node(num_cpus=1), list[int]()
     cluster.add_node(num_cpus=1)
 
@@ -50,9 +50,9 @@ def removal(cluster: Any, out: Path, after: int) -> Iterator[list[int]]:
     remover.join(60.0)
 
 
-def done(folder: Path, fakes: list[Fake], runner: Any) -> dict[str, str]:
+def run_items(folder: Path, fakes: list[Fake], runner: Any) -> dict[str, str]:
     with Store(folder) as store, runner as doing:
-        errors, remaining = run([item(fake) for fake in fakes], fake_work, store, doing)
+        errors, remaining = run([make_item(fake) for fake in fakes], fake_work, store, doing)
     assert not remaining
     return errors
 
@@ -61,24 +61,24 @@ def test_a_node_and_a_worker_that_die_leave_the_same_bytes(tmp_path: Path, clust
     (tmp_path / "kills").mkdir()
     fakes = [Fake(n, sleep_s=0.2) for n in range(40)]
     fakes += [Fake(40, error=True), Fake(41, kills=str(tmp_path / "kills"), how_often=1)]
-    with removal(cluster, tmp_path / "ray", 8) as removed:
-        errors = done(tmp_path / "ray", fakes, import_module("skyproof.batch.ray_nodes").RayNodes(cluster.address))
+    with remove_node(cluster, tmp_path / "ray", 8) as removed:
+        errors = run_items(tmp_path / "ray", fakes, import_module("skyproof.batch.ray_nodes").RayNodes(cluster.address))
     assert removed[0] < 30
     assert len(list((tmp_path / "kills").iterdir())) == 1
     assert [(key, words.partition(":")[0]) for key, words in errors.items()] == [("item-40", "item 40")]
-    assert done(tmp_path / "processes", fakes, Processes(2)) == errors
-    assert content(tmp_path / "ray") == content(tmp_path / "processes")
-    assert len(content(tmp_path / "ray")) == 2 * 41
+    assert run_items(tmp_path / "processes", fakes, Processes(2)) == errors
+    assert read_results(tmp_path / "ray") == read_results(tmp_path / "processes")
+    assert len(read_results(tmp_path / "ray")) == 2 * 41
 
 
 def test_a_cluster_that_loses_a_node_gives_the_same_bytes(tmp_path: Path, cluster: Any) -> None:
-    path = small_fleet(tmp_path / "in", 8)
-    with removal(cluster, tmp_path / "ray", 2) as removed:
+    path = write_small_fleet(tmp_path / "in", 8)
+    with remove_node(cluster, tmp_path / "ray", 2) as removed:
         result = fleet(path, out=tmp_path / "ray", ray=cluster.address)
     assert removed[0] < 6
     assert sum(row.state == "done" for row in result.rows) == 8
     fleet(path, out=tmp_path / "processes", workers=1)
-    assert contents(tmp_path / "ray") == contents(tmp_path / "processes")
+    assert read_contents(tmp_path / "ray") == read_contents(tmp_path / "processes")
 
 
 def test_an_address_without_a_cluster_is_an_error_with_advice(tmp_path: Path) -> None:

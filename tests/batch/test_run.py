@@ -11,16 +11,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from tests.batch.fake_work import Fake, broken_work, content, fake_work, item
+from tests.batch.fake_work import Fake, fail_work, fake_work, make_item, read_results
 
 from skyproof.batch import Item, Processes, Store, Work, run
 from skyproof.errors import OutputError
 
 
-def done(
+def run_items(
     items: Sequence[Item], folder: Path, work: Work = fake_work, *, workers: int = 2
 ) -> tuple[dict[str, str], list[int]]:
-    """Errors, and how many items were said to have ended, from first to last."""
+    """Run the items; return the errors and how many items were reported as ended, from first to last."""
     reported: list[int] = []
     with Store(folder) as store, Processes(workers) as processes:
         errors, remaining = run(items, work, store, processes, report=reported.append)
@@ -34,7 +34,7 @@ def test_a_bad_item_and_a_killed_worker_cost_nothing_else(tmp_path: Path) -> Non
     always.mkdir()
     fakes = [Fake(n) for n in range(6)]
     fakes += [Fake(6, error=True), Fake(7, kills=str(once), how_often=1), Fake(8, kills=str(always), how_often=99)]
-    errors, reported = done([item(fake) for fake in fakes], tmp_path / "a")
+    errors, reported = run_items([make_item(fake) for fake in fakes], tmp_path / "a")
     assert list(errors) == ["item-6", "item-8"]
     assert errors["item-6"].startswith("item 6: line 7 ")
     assert re.search(r"\bsignal 9\b", errors["item-8"])
@@ -43,23 +43,25 @@ def test_a_bad_item_and_a_killed_worker_cost_nothing_else(tmp_path: Path) -> Non
     assert reported == sorted(reported)
     assert (reported[0], reported[-1]) == (0, 9)
     whole = {f"item-{n}/half.txt": b"whole\n" for n in (0, 1, 2, 3, 4, 5, 7)}
-    assert content(tmp_path / "a") == whole | {f"item-{n}/inner/sum.txt": b"%d\n" % n**2 for n in (0, 1, 2, 3, 4, 5, 7)}
+    assert read_results(tmp_path / "a") == whole | {
+        f"item-{n}/inner/sum.txt": b"%d\n" % n**2 for n in (0, 1, 2, 3, 4, 5, 7)
+    }
 
     # Again, with what failed put right and another version of one: only these are done, and one worker is enough.
     times = {path: path.stat().st_mtime_ns for path in (tmp_path / "a" / "items").iterdir()}
-    repaired = [item(Fake(n), version="2" if n == 3 else "1") for n in range(9)]
-    errors, reported = done(repaired, tmp_path / "a", workers=1)
+    repaired = [make_item(Fake(n), version="2" if n == 3 else "1") for n in range(9)]
+    errors, reported = run_items(repaired, tmp_path / "a", workers=1)
     assert (errors, reported[0]) == ({}, 6)
     kept = {path.name for path, before in times.items() if path.stat().st_mtime_ns == before}
     assert kept == {f"item-{n}" for n in (0, 1, 2, 4, 5, 7)}
-    assert len(content(tmp_path / "a")) == 18
+    assert len(read_results(tmp_path / "a")) == 18
 
 
 def test_our_own_mistake_costs_the_item_and_says_whose_it_is(tmp_path: Path) -> None:
-    errors, _ = done([item(Fake(1))], tmp_path, broken_work, workers=1)
+    errors, _ = run_items([make_item(Fake(1))], tmp_path, fail_work, workers=1)
     assert list(errors) == ["item-1"]
     assert "ZeroDivisionError: of 1." in errors["item-1"]
-    assert content(tmp_path) == {}
+    assert read_results(tmp_path) == {}
 
 
 def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
@@ -71,14 +73,14 @@ def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
 
 def test_two_items_of_one_key_are_refused(tmp_path: Path) -> None:
     with Store(tmp_path) as store, pytest.raises(ValueError, match="one key"):
-        run([item(Fake(1)), item(Fake(1))], fake_work, store, Processes(1))
+        run([make_item(Fake(1)), make_item(Fake(1))], fake_work, store, Processes(1))
 
 
 @pytest.mark.parametrize("step", ["rename", "replace"])
 def test_an_item_whose_last_steps_are_missing_is_done_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
-    one = item(Fake(1))
+    one = make_item(Fake(1))
 
     def fill() -> None:
         with store.filling(one) as folder:
@@ -95,24 +97,24 @@ def test_an_item_whose_last_steps_are_missing_is_done_again(
         assert not store.has(one)
         fill()
         assert store.has(one)
-        assert list(content(tmp_path)) == ["item-1/half.txt", "item-1/inner/sum.txt"]
+        assert list(read_results(tmp_path)) == ["item-1/half.txt", "item-1/inner/sum.txt"]
 
 
 DRIVER = """
 import sys
 from pathlib import Path
 from skyproof.batch import Processes, Store, run
-from tests.batch.fake_work import Fake, fake_work, item
+from tests.batch.fake_work import Fake, fake_work, make_item
 from skyproof.interruption import ENDING, listen
 with Store(Path(sys.argv[1])) as store, Processes(2) as processes, listen(*ENDING):
     print("begun", flush=True)
-    errors, left = run([item(Fake(n, sleep_s=0.05)) for n in range(int(sys.argv[2]))], fake_work, store, processes,
+    errors, left = run([make_item(Fake(n, sleep_s=0.05)) for n in range(int(sys.argv[2]))], fake_work, store, processes,
                        say=lambda text: print(text, flush=True))
 print(errors, left, flush=True)
 """
 
 
-def driver(folder: Path, count: int) -> subprocess.Popen[str]:
+def start_driver(folder: Path, count: int) -> subprocess.Popen[str]:
     started = subprocess.Popen(
         [sys.executable, "-c", DRIVER, str(folder), str(count)],
         stdout=subprocess.PIPE,
@@ -133,7 +135,7 @@ def wait_for_items(folder: Path, count: int) -> None:
 
 @pytest.mark.parametrize("whole_group", [False, True])
 def test_sigterm_lets_items_end_and_the_rest_runs_next_time(tmp_path: Path, whole_group: bool) -> None:
-    started = driver(tmp_path, 1000)
+    started = start_driver(tmp_path, 1000)
     wait_for_items(tmp_path, 1)
     if whole_group:  # as a service manager asks every process of a service
         for worker in Path(f"/proc/{started.pid}/task/{started.pid}/children").read_text().split():
@@ -144,10 +146,10 @@ def test_sigterm_lets_items_end_and_the_rest_runs_next_time(tmp_path: Path, whol
     assert ended == "{} True"
     # Nothing is announced where all items under way ended in the moment of the signal.
     assert [words.partition(":")[0] for words in announced] in ([], ["interrupted"])
-    there = {path.split("/")[0] for path in content(tmp_path)}
+    there = {path.split("/")[0] for path in read_results(tmp_path)}
     assert 0 < len(there) < 1000
     with Store(tmp_path) as store:
-        assert sum(store.has(item(Fake(n))) for n in range(1000)) == len(there)
+        assert sum(store.has(make_item(Fake(n))) for n in range(1000)) == len(there)
 
 
 @pytest.mark.long
@@ -155,14 +157,14 @@ def test_a_driver_killed_at_twenty_moments_leaves_the_same_bytes(tmp_path: Path)
     moments = random.Random(1)
     count, killed = 1000, 0
     for number in range(20):
-        started = driver(tmp_path / "killed", count)
+        started = start_driver(tmp_path / "killed", count)
         wait_for_items(tmp_path / "killed", 5 * number)
         time.sleep(moments.uniform(0.0, 0.05))
         started.kill()
         started.wait()
         killed += started.returncode == -signal.SIGKILL
     assert killed == 20
-    assert done([item(Fake(n)) for n in range(count)], tmp_path / "killed")[0] == {}
-    done([item(Fake(n)) for n in range(count)], tmp_path / "whole", workers=1)
-    assert content(tmp_path / "killed") == content(tmp_path / "whole")
+    assert run_items([make_item(Fake(n)) for n in range(count)], tmp_path / "killed")[0] == {}
+    run_items([make_item(Fake(n)) for n in range(count)], tmp_path / "whole", workers=1)
+    assert read_results(tmp_path / "killed") == read_results(tmp_path / "whole")
     assert list((tmp_path / "killed" / ".skyproof-batch" / "doing").iterdir()) == []

@@ -20,5 +20,5 @@ def app(monkeypatch: pytest.MonkeyPatch) -> Iterator[App]:
     monkeypatch.setattr("skyproof.app.verify.verify", fake.verify)
     monkeypatch.setattr("skyproof.app.fleet.fleet", fake.fleet)
     monkeypatch.setattr(inspect_command, "run_inspect", fake.inspect)
-    monkeypatch.setattr(study_command, "studies", fake.studies)
+    monkeypatch.setattr(study_command, "studies", fake.make_studies)
     return fake

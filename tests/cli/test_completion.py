@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 from cyclopts.completion.detect import ShellDetectionError
-from tests.cli.test_help import examples
+from tests.cli.test_help import list_examples
 from tests.cli.use_cases import COMMANDS
 
 from skyproof import cli
 
 
-def completed(script: Path, *words: str) -> set[str]:
-    """What bash offers for the last of the words when Tab is pressed."""
+def complete(script: Path, *words: str) -> set[str]:
+    """Return what bash offers for the last of the words when Tab is pressed."""
     line = " ".join(map(shlex.quote, words))
     program = (
         f"source {shlex.quote(str(script))}; COMP_WORDS=({line}); COMP_CWORD={len(words) - 1}; "
@@ -32,21 +32,21 @@ def test_bash_completes_commands_options_and_files(
     script = tmp_path / "skyproof.bash"
     assert cli.main(["--install-completion", "--shell", "bash", "--output", str(script)]) == 0
     assert capsys.readouterr().out == f"completion: {script}\n"
-    assert completed(script, "skyproof", "pro") == {"protect"}
-    assert completed(script, "skyproof", "") == set(COMMANDS)
-    assert completed(script, "skyproof", "protect", "--na") == {"--nav"}
-    assert completed(script, "skyproof", "simulate", "--depth", "mea") == {"measurements"}
+    assert complete(script, "skyproof", "pro") == {"protect"}
+    assert complete(script, "skyproof", "") == set(COMMANDS)
+    assert complete(script, "skyproof", "protect", "--na") == {"--nav"}
+    assert complete(script, "skyproof", "simulate", "--depth", "mea") == {"measurements"}
     monkeypatch.chdir(tmp_path)
     (tmp_path / "rx1.bin").touch()
-    assert completed(script, "skyproof", "protect", "rx") == {"rx1.bin"}
-    assert completed(script, "skyproof", "protect", "rx1.bin", "--nav", "rx") == {"rx1.bin"}
+    assert complete(script, "skyproof", "protect", "rx") == {"rx1.bin"}
+    assert complete(script, "skyproof", "protect", "rx1.bin", "--nav", "rx") == {"rx1.bin"}
 
 
 def test_the_installed_completion_is_loaded_by_the_shell(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("HOME", str(tmp_path))
-    (line,) = examples("--install-completion")
+    (line,) = list_examples("--install-completion")
     assert cli.main(shlex.split(line)[1:]) == 0
     script = Path(capsys.readouterr().out.removeprefix("completion: ").strip())
     assert script.is_relative_to(tmp_path)

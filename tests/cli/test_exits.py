@@ -7,7 +7,7 @@ import signal
 from pathlib import Path
 
 import pytest
-from tests.cli.use_cases import PROTECT, App, said
+from tests.cli.use_cases import PROTECT, App, state_word
 
 from skyproof import cli
 from skyproof.errors import InputError, OutputError
@@ -16,13 +16,13 @@ from skyproof.verdict import InputFile
 
 @pytest.mark.parametrize("word", ["authentic", "no_attack_seen", "suspect", "spoofed"])
 def test_a_run_to_the_end_exits_with_0_whatever_the_verdict(app: App, word: str) -> None:
-    app.verdict = said(word)
+    app.verdict = state_word(word)
     assert cli.main(PROTECT) == 0
 
 
 @pytest.mark.parametrize(("word", "code"), [("authentic", 0), ("spoofed", 1), ("suspect", 3), ("no_attack_seen", 4)])
 def test_the_exit_code_is_the_verdict_when_asked_to(app: App, word: str, code: int) -> None:
-    app.verdict = said(word)
+    app.verdict = state_word(word)
     assert cli.main([*PROTECT, "--exit-code"]) == code
     assert cli.main([*PROTECT, "--exit-code", "--json"]) == code
 
@@ -71,7 +71,7 @@ def test_an_interrupted_run_prints_decisions_and_exits_130(app: App, capsys: pyt
 def test_unused_platform_keys_are_reported_in_one_line(app: App, capsys: pytest.CaptureFixture[str]) -> None:
     remark = "attitude: unused"
     result = InputFile(path="ship.toml", format="platform", sha256=None, cut=(), left_out=(remark,), remarks=("odd",))
-    app.verdict = said("authentic").model_copy(update={"inputs": (result,)})
+    app.verdict = state_word("authentic").model_copy(update={"inputs": (result,)})
     assert cli.main(PROTECT) == 0
     out = capsys.readouterr().out
     assert f"Left out: ship.toml: {remark}\n" in out

@@ -19,22 +19,22 @@ from tests.cli.use_cases import COMMANDS, App
 from skyproof import cli
 
 
-def help_of(*command: str) -> str:
-    """What --help prints on a terminal of 80 columns."""
+def print_help(*command: str) -> str:
+    """Return what --help prints on a terminal of 80 columns."""
     page = io.StringIO()
     cli.app.help_print(list(command), console=Console(file=page, width=80))
     return page.getvalue()
 
 
-def examples(*command: str) -> list[str]:
-    """The lines of a help text that can be run: those that name no placeholder."""
-    lines = re.findall(r"^skyproof .*", help_of(*command), re.MULTILINE)
+def list_examples(*command: str) -> list[str]:
+    """List the lines of a help text that can be run: those without a placeholder."""
+    lines = re.findall(r"^skyproof .*", print_help(*command), re.MULTILINE)
     return [line for line in lines if not re.search(r"\b[A-Z_]{4,}\b", line)]
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_has_an_example_that_parses(app: App, command: str) -> None:
-    lines = examples(command)
+    lines = list_examples(command)
     assert lines
     for line in lines:
         assert cli.main(shlex.split(line)[1:]) == 0
@@ -43,7 +43,7 @@ def test_help_has_an_example_that_parses(app: App, command: str) -> None:
 
 @pytest.mark.parametrize("command", [(), *((name,) for name in (*COMMANDS, "--install-completion"))])
 def test_help_is_read_on_eighty_columns(command: tuple[str, ...]) -> None:
-    text = help_of(*command)
+    text = print_help(*command)
     assert max(map(len, text.splitlines())) <= 80
     assert "…" not in text
     assert "[ARGS]" not in text
@@ -51,7 +51,7 @@ def test_help_is_read_on_eighty_columns(command: tuple[str, ...]) -> None:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_gives_the_unit_of_every_quantity(command: str) -> None:
-    text = re.sub(r"[\s│]+", " ", help_of(command))
+    text = re.sub(r"[\s│]+", " ", print_help(command))
     parts = re.split(r" (?=--[a-z])", text.partition("Parameters")[2])
     for ending, unit in (("-s", "seconds"), ("-hz", "hertz|a second"), ("-m", "metres"), ("-deg", "degrees")):
         for part in parts:
@@ -151,7 +151,7 @@ def run_here(line: str, folder: Path) -> str:
     return run.stdout
 
 
-@pytest.mark.parametrize("line", [line for name in COMMANDS for line in examples(name) if line.endswith("--list")])
+@pytest.mark.parametrize("line", [line for name in COMMANDS for line in list_examples(name) if line.endswith("--list")])
 def test_the_quick_examples_run(line: str, tmp_path: Path) -> None:
     assert run_here(line, tmp_path).strip()
     assert list(tmp_path.iterdir()) == []
@@ -160,7 +160,7 @@ def test_the_quick_examples_run(line: str, tmp_path: Path) -> None:
 @pytest.mark.long
 def test_every_example_of_the_help_runs(tmp_path: Path) -> None:
     # In one folder, the demonstration first: others work on its recordings. Each into a folder that is free.
-    lines = dict.fromkeys(line for command in ((), *((name,) for name in COMMANDS)) for line in examples(*command))
+    lines = dict.fromkeys(line for command in ((), *((name,) for name in COMMANDS)) for line in list_examples(*command))
     lines.pop("skyproof demo --out demo")
     run_here("skyproof demo --out demo", tmp_path)
     made = set[str]()

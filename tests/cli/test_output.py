@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
-from tests.cli.use_cases import FLEET, PROTECT, VERDICT, App, said
+from tests.cli.use_cases import FLEET, PROTECT, VERDICT, App, state_word
 
 from skyproof import cli
 from skyproof.cli import demo as demo_command
@@ -45,7 +45,7 @@ def test_the_summary_is_understood_in_ten_seconds(app: App, capsys: pytest.Captu
 
 
 def test_what_is_not_decided_is_said(app: App, capsys: pytest.CaptureFixture[str]) -> None:
-    app.verdict = said("spoofed")
+    app.verdict = state_word("spoofed")
     cli.main(PROTECT)
     out = capsys.readouterr().out
     assert f"Not decided: {app.verdict.reason}\n" in out
@@ -54,7 +54,7 @@ def test_what_is_not_decided_is_said(app: App, capsys: pytest.CaptureFixture[str
 
 @pytest.mark.parametrize(("word", "first"), [("suspect", "SUSPECT"), ("no_attack_seen", "NO ATTACK SEEN")])
 def test_the_word_stands_first(app: App, capsys: pytest.CaptureFixture[str], word: str, first: str) -> None:
-    app.verdict = said(word)
+    app.verdict = state_word(word)
     cli.main(PROTECT)
     out = capsys.readouterr().out
     lines = out.splitlines()
@@ -157,7 +157,7 @@ def test_fleet_prints_the_same_as_one_document(app: App, capsys: pytest.CaptureF
 
 
 def open_skies() -> Verdict:
-    """One receiver that hears two skies, of which the evidence leaves open which is true."""
+    """Make one receiver with two skies when the evidence does not decide which is true."""
     sample = VERDICT.model_dump(mode="json")
     receiver = sample["receivers"][0] | {"trusted_fix": None, "false_fix": None, "unprotected_fix": None}
     [source], signal = sample["sources"], sample["signals"][0] | {"label": "unknown", "receiver": "rx1", "because": []}

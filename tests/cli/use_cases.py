@@ -35,7 +35,7 @@ FLEET = (
 )
 
 
-def said(word: str) -> Verdict:
+def state_word(word: str) -> Verdict:
     why = {"reason": "one receiver alone", "remedy": "a second receiver"}
     why |= {"not_excluded": ["a false sky from the start"]} if word == "no_attack_seen" else {}
     return Verdict.model_validate(VERDICT.model_dump(mode="json") | {"verdict": word} | why)
@@ -79,7 +79,7 @@ class App:
                 files=(("rx1-nav.rnx",),),
                 interrupted=self.interrupted,
             )
-            return self.written(received)
+            return self.check_written(received)
         if name == "simulate":
             folder = options["out"]
             recordings, names = tuple(folder / f"rx{k}.bin" for k in range(1, 11)), ("rx1.bin", "truth.json")
@@ -92,10 +92,10 @@ class App:
                 interrupted=self.interrupted,
             )
         folder = options.get("out", inputs)
-        return self.written(SimpleNamespace(verdict=self.verdict, folder=folder, interrupted=self.interrupted))
+        return self.check_written(SimpleNamespace(verdict=self.verdict, folder=folder, interrupted=self.interrupted))
 
-    def written(self, result: Any) -> Any:
-        """The result, unless files are missing."""
+    def check_written(self, result: Any) -> Any:
+        """Return the result, unless files are missing."""
         if self.missing:
             raise IncompleteOutput(self.missing, result)
         return result
@@ -118,8 +118,8 @@ class App:
         self.calls.append(("inspect", file, options))
         return []
 
-    def studies(self) -> dict[str, Study]:
-        """Two studies that note the call and give two rows, the first of them before an error."""
+    def make_studies(self) -> dict[str, Study]:
+        """Make two studies that note the call and give two rows, the first of them before an error."""
 
         def run(settings: Any) -> Iterator[dict[str, Any]]:
             self.calls.append(("study", settings.trials, {"seed": settings.seed, "quick": settings.quick}))

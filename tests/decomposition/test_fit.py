@@ -23,8 +23,8 @@ from skyproof.studies.swarm import SwarmSettings, swarm_decompose
 AMPLITUDES = np.array([1.0, 0.87])
 
 
-def two_signals(rng, n, separation_chips, rate_hz, *, cn0_dbhz=45.0):
-    """Delays, amplitudes of random phases, noise variance, taps."""
+def draw_two_signals(rng, n, separation_chips, rate_hz, *, cn0_dbhz=45.0):
+    """Draw taps of two signals: their delays, amplitudes of random phases, noise variance and taps."""
     delays = delay_dictionary(rate_hz)
     variance = noise_variance(cn0_dbhz, 0.02, rate_hz)
     first = rng.uniform(-0.2, 0.2, (n, 1))
@@ -179,7 +179,7 @@ def test_without_noise_the_signals_come_back_exactly():
 @pytest.mark.parametrize(("rate_hz", "at_least"), [(5e6, 0.985), (10e6, 0.99), (25e6, 0.99)])
 def test_two_signals_a_quarter_chip_apart_reach_the_bound(rate_hz, at_least):
     rng = np.random.default_rng(7)
-    delay, amplitude, variance, taps = two_signals(rng, 1000, 0.25, rate_hz)
+    delay, amplitude, variance, taps = draw_two_signals(rng, 1000, 0.25, rate_hz)
     delays = delay_dictionary(rate_hz)
     found = decompose(taps, delays, noise_variance=variance)
     error = found.delay_chips - delay
@@ -191,7 +191,7 @@ def test_two_signals_a_quarter_chip_apart_reach_the_bound(rate_hz, at_least):
 
 def test_an_estimates_covariance_is_that_of_its_errors():
     rng = np.random.default_rng(8)
-    delay, _, variance, taps = two_signals(rng, 2000, 0.4, 10e6)
+    delay, _, variance, taps = draw_two_signals(rng, 2000, 0.4, 10e6)
     found = decompose(taps, delay_dictionary(10e6), noise_variance=variance)
     error = found.delay_chips - delay
     squared = np.einsum("ti,tij,tj->t", error, np.linalg.inv(found.covariance), error)
@@ -214,7 +214,7 @@ def test_separate_dopplers_are_found_too():
 
 def test_leading_axes_are_free_and_change_nothing():
     rng = np.random.default_rng(10)
-    _, _, variance, taps = two_signals(rng, 6, 0.3, 5e6)
+    _, _, variance, taps = draw_two_signals(rng, 6, 0.3, 5e6)
     delays = delay_dictionary(5e6)
     whole = decompose(taps.reshape(2, 3, -1), delays, noise_variance=variance)
     assert whole.delay_chips.shape == (2, 3, 2)
@@ -230,7 +230,7 @@ def test_taps_that_do_not_fit_the_dictionary_are_refused():
 
 def test_the_swarm_finds_less_than_variable_projection():
     rng = np.random.default_rng(11)
-    delay, _, variance, taps = two_signals(rng, 30, 0.25, 5e6)
+    delay, _, variance, taps = draw_two_signals(rng, 30, 0.25, 5e6)
     delays = delay_dictionary(5e6)
     near = np.abs(delays.points) <= 1.0
     swarm = swarm_decompose(
@@ -249,7 +249,7 @@ def test_the_swarm_finds_less_than_variable_projection():
 
 def test_the_swarm_costs_what_numpy_says():
     rng = np.random.default_rng(12)
-    _, _, _, taps = two_signals(rng, 1, 0.25, 5e6)
+    _, _, _, taps = draw_two_signals(rng, 1, 0.25, 5e6)
     delays = delay_dictionary(5e6)
     fit = swarm_decompose(
         taps[:, None, :],

@@ -30,7 +30,7 @@ class Ended:
 
 
 def assert_refused(ended: Ended, *words: object) -> None:
-    """Exit code 2, nothing on standard output, one line on standard error with all these words in it."""
+    """Check that the command ended with code 2 and one line on standard error that holds all these words."""
     assert ended.code == 2
     assert ended.stdout == ""
     assert len(ended.stderr) == 1
@@ -39,8 +39,10 @@ def assert_refused(ended: Ended, *words: object) -> None:
         assert str(word) in ended.stderr[0]
 
 
-def copied(path: Path, folder: Path, *, name: str | None = None, n_bytes: int | None = None, **keys: str) -> Path:
-    """A recording and its sidecar in another folder, cut or with other keys if wanted."""
+def copy_recording(
+    path: Path, folder: Path, *, name: str | None = None, n_bytes: int | None = None, **keys: str
+) -> Path:
+    """Copy a recording and its sidecar to another folder, cut short or with other keys in the sidecar."""
     folder.mkdir(exist_ok=True)
     copy = folder / (name or path.name)
     data = path.read_bytes()
@@ -52,8 +54,8 @@ def copied(path: Path, folder: Path, *, name: str | None = None, n_bytes: int | 
     return copy
 
 
-def noise(path: Path, duration_s: float = 6.0, *, seed: int = 5) -> Path:
-    """A recording of an antenna that is not connected."""
+def write_noise(path: Path, duration_s: float = 6.0, *, seed: int = 5) -> Path:
+    """Write a recording of an antenna that is not connected."""
     path.write_bytes(np.random.default_rng(seed).bytes(int(duration_s * 2_600_000) // 4))
     path.with_suffix(".toml").write_text(SIDECAR)
     return path

@@ -14,8 +14,8 @@ from skyproof.simulator.scenario import FrontEnd
 
 @pytest.fixture(scope="session")
 def pair(tmp_path_factory):
-    """Two receivers under a clean sky for 8 s: just enough for a time of week, and for a verdict."""
-    return kit.record(kit.scenario_of(duration_s=8.0, start_gpst=START), tmp_path_factory.mktemp("pair"))
+    """Record two receivers under a clean sky for 8 s: just enough for a time of week and a verdict."""
+    return kit.record(kit.make_scenario(duration_s=8.0, start_gpst=START), tmp_path_factory.mktemp("pair"))
 
 
 @pytest.fixture(autouse=True)
@@ -37,22 +37,22 @@ def run(capsys, tmp_path):
 
 
 @pytest.fixture
-def untracked(monkeypatch):
-    """Fails the test if the long work begins."""
+def no_tracking(monkeypatch):
+    """Fail the test if tracking begins."""
     too_early = "the long work began before the check"
     monkeypatch.setattr("skyproof.app.protect.run.track", lambda *_: pytest.fail(too_early))
 
 
 @pytest.fixture(scope="session")
 def wide(tmp_path_factory):
-    """Most of a second of one receiver in 8-bit numbers: it is summed up at once."""
+    """Record most of a second of one receiver in 8-bit numbers, short enough to be hashed at once."""
     front_end = FrontEnd(encoding="int", bits=8)
-    scenario = kit.scenario_of(receivers=1, duration_s=0.9, front_end=front_end)
+    scenario = kit.make_scenario(receivers=1, duration_s=0.9, front_end=front_end)
     return kit.record(scenario, tmp_path_factory.mktemp("wide")).paths[0]
 
 
 @pytest.fixture(scope="session")
 def later(tmp_path_factory):
-    """The same scene five minutes later."""
+    """Record the scene of `pair` five minutes later."""
     start = START + np.timedelta64(300, "s")
-    return kit.record(kit.scenario_of(duration_s=7.0, start_gpst=start), tmp_path_factory.mktemp("later"))
+    return kit.record(kit.make_scenario(duration_s=7.0, start_gpst=start), tmp_path_factory.mktemp("later"))

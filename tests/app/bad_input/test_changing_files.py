@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from tests.app import kit
-from tests.app.bad_input.common import Watched, copied
+from tests.app.bad_input.common import Watched, copy_recording
 
 from skyproof.cli import protect as protect_command
 
@@ -26,11 +26,11 @@ class Meddling(Watched):
 
 
 @pytest.fixture
-def meddled(run, pair, tmp_path, monkeypatch):
-    """A run on copies of the pair while something happens to the second one, and the first one's sum."""
+def run_meddled(run, pair, tmp_path, monkeypatch):
+    """Return a function that runs the command on copies of the pair while the second file changes."""
 
     def meddled(meddle, after=13.0):
-        first, second = (copied(path, tmp_path) for path in pair.paths)
+        first, second = (copy_recording(path, tmp_path) for path in pair.paths)
         nav = shutil.copy(pair.nav, tmp_path)
         monkeypatch.setattr(protect_command, "progress", lambda: Meddling(after, lambda: meddle(second, Path(nav))))
         return run(first, second, nav=nav, options=["--antenna-distance-m", f"{kit.DISTANCE_M}"])
@@ -38,8 +38,8 @@ def meddled(run, pair, tmp_path, monkeypatch):
     return meddled
 
 
-def test_a_recording_cut_while_read_counts_as_far_as_it_was_read(meddled, pair):
-    ended = meddled(lambda path, _: os.truncate(path, 4_500_000))
+def test_a_recording_cut_while_read_counts_as_far_as_it_was_read(run_meddled, pair):
+    ended = run_meddled(lambda path, _: os.truncate(path, 4_500_000))
     assert ended.code == 0
     assert {signal.receiver for signal in ended.verdict.signals} == {"bow", "stern"}
     assert [r.duration_s for r in ended.verdict.receivers] == [8.0, 6.5]
@@ -53,15 +53,15 @@ def test_a_recording_cut_while_read_counts_as_far_as_it_was_read(meddled, pair):
     assert ended.verdict.inputs[1].sha256 == hashlib.sha256(pair.paths[1].read_bytes()[:n_summed]).hexdigest()
 
 
-def test_a_recording_that_is_cut_at_once_is_left_out(meddled):
-    ended = meddled(lambda path, _: os.truncate(path, 0), after=1.0)
+def test_a_recording_that_is_cut_at_once_is_left_out(run_meddled):
+    ended = run_meddled(lambda path, _: os.truncate(path, 0), after=1.0)
     assert ended.code == 0
     assert "stern gave no measurements" in ended.verdict.summary
     assert "ends after" in ended.remarks(1)
 
 
-def test_inputs_deleted_while_they_are_read_cost_nothing(meddled, pair):
-    ended = meddled(lambda path, nav: (path.unlink(), nav.unlink()))
+def test_inputs_deleted_while_they_are_read_cost_nothing(run_meddled, pair):
+    ended = run_meddled(lambda path, nav: (path.unlink(), nav.unlink()))
     assert ended.code == 0
     assert {signal.receiver for signal in ended.verdict.signals} == {"bow", "stern"}
     read = (*pair.paths, *(path.with_suffix(".toml") for path in pair.paths), pair.nav)
@@ -70,12 +70,12 @@ def test_inputs_deleted_while_they_are_read_cost_nothing(meddled, pair):
     assert "replaced" in ended.remarks(1)
 
 
-def test_a_recording_that_grows_while_read_is_not_authentic(meddled):
+def test_a_recording_that_grows_while_read_is_not_authentic(run_meddled):
     def append(path, _):
         with open(path, "ab") as file:
             file.write(b"more")
 
-    ended = meddled(append)
+    ended = run_meddled(append)
     assert ended.verdict.verdict == "no_attack_seen"
     assert [bool(given.cut) for given in ended.verdict.inputs[:2]] == [False, True]
     assert re.search(r"\bgrown\b.*\b4 bytes", ended.remarks(1))

@@ -39,7 +39,7 @@ def no_pairs(monkeypatch):
 
 
 def assert_whole(folder: Path) -> None:
-    """No file is half written."""
+    """Check that the folder holds no half-written file."""
     assert [p.name for p in folder.iterdir() if p.name.startswith(".") or p.name.endswith(".part")] == []
     if (folder / "verdict.json").exists():
         read_verdict(folder / "verdict.json")
@@ -143,8 +143,8 @@ def test_a_signal_while_receiving_keeps_what_was_received(pair, tmp_path, capsys
     assert_whole(tmp_path)
 
 
-def started(*arguments: str | Path) -> subprocess.Popen:
-    """The command line in a process of its own, which has tracked and begun to examine."""
+def start_run(*arguments: str | Path) -> subprocess.Popen:
+    """Start the command line in a process of its own and wait until it examines what it tracked."""
     process = subprocess.Popen(
         [sys.executable, "-c", "import sys; from skyproof.cli import main; sys.exit(main())", *map(str, arguments)],
         stdout=subprocess.PIPE,
@@ -161,7 +161,7 @@ def started(*arguments: str | Path) -> subprocess.Popen:
 @pytest.mark.long
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_a_real_signal_ends_the_program_in_order(pair, tmp_path, number, code):
-    process = started("protect", *pair.paths, "--nav", pair.nav, "--out", tmp_path, "--json")
+    process = start_run("protect", *pair.paths, "--nav", pair.nav, "--out", tmp_path, "--json")
     for _ in range(1 if number == signal.SIGINT else 2):  # a pair that no person sent is one wish
         process.send_signal(number)
     out, err = process.communicate(timeout=300)

@@ -20,8 +20,8 @@ with claim(sys.argv[1]):
 """
 
 
-def holder(folder: Path) -> subprocess.Popen:
-    """Another process that has claimed the folder."""
+def hold_folder(folder: Path) -> subprocess.Popen:
+    """Start another process that claims the folder."""
     process = subprocess.Popen(
         [sys.executable, "-c", HOLD, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
@@ -30,7 +30,7 @@ def holder(folder: Path) -> subprocess.Popen:
 
 
 def test_a_second_run_is_refused_and_leaves_the_folder_alone(tmp_path):
-    first = holder(tmp_path / "a" / "out")
+    first = hold_folder(tmp_path / "a" / "out")
     with (
         pytest.raises(OutputError, match="a/out: another run"),
         claim(tmp_path / "a" / "out"),
@@ -43,7 +43,7 @@ def test_a_second_run_is_refused_and_leaves_the_folder_alone(tmp_path):
 
 
 def test_a_run_that_is_killed_blocks_nobody(tmp_path):
-    first = holder(tmp_path / "out")
+    first = hold_folder(tmp_path / "out")
     first.send_signal(signal.SIGKILL)
     first.wait()
     with claim(tmp_path / "out") as claimed:

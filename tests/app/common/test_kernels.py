@@ -37,19 +37,19 @@ class Watched:
 
 @pytest.fixture
 def processes(monkeypatch):
-    """In place of processes: the jobs that were asked for, and what they compile."""
+    """Replace processes by a list of the jobs that were requested and of the modules that they compile."""
     asked, compiles = [], []
 
-    def compiled_by(jobs):
+    def compile_jobs(jobs):
         asked.extend(jobs)
         yield from compiles
 
-    monkeypatch.setattr(kernels, "_run_jobs", compiled_by)
+    monkeypatch.setattr(kernels, "_run_jobs", compile_jobs)
     return asked, compiles
 
 
-def missing(monkeypatch, job, share=1.0):
-    """Let this share of a job's kernels not be kept, and return their names."""
+def drop_kernels(monkeypatch, job, share=1.0):
+    """Make this share of a job's kernels missing, and return their names."""
     names = sorted(kernels_of(job))
     names = names[: round(share * len(names))]
     lost = {id(kernels_of(job)[name]) for name in names}
@@ -66,7 +66,7 @@ def test_where_all_is_kept_nothing_is_run_or_reported(monkeypatch, processes):
 
 def test_only_jobs_with_missing_kernels_run_with_progress(monkeypatch, processes):
     asked, compiles = processes
-    first, second, *others = names = missing(monkeypatch, "receiver")
+    first, second, *others = names = drop_kernels(monkeypatch, "receiver")
     compiles += [first, "skyproof.of_no_job", second, second, *others]
     progress = Watched()
     make_ready(RECEIVING, progress)
@@ -78,7 +78,7 @@ def test_only_jobs_with_missing_kernels_run_with_progress(monkeypatch, processes
 
 def test_for_a_few_missing_kernels_no_job_is_begun(monkeypatch, processes):
     # Else a kernel that no job makes would be waited for in each run.
-    missing(monkeypatch, "receiver", share=0.4)
+    drop_kernels(monkeypatch, "receiver", share=0.4)
     progress = Watched()
     make_ready(RECEIVING, progress)
     assert (processes[0], progress.stages, progress.said) == ([], [], [])
@@ -86,7 +86,7 @@ def test_for_a_few_missing_kernels_no_job_is_begun(monkeypatch, processes):
 
 def test_a_job_that_fails_leaves_the_rest_to_their_first_use(monkeypatch, processes):
     asked, compiles = processes
-    names = missing(monkeypatch, "overlaps")
+    names = drop_kernels(monkeypatch, "overlaps")
     compiles += names[:1]
     progress = Watched()
     make_ready(RECEIVING, progress)
@@ -95,7 +95,7 @@ def test_a_job_that_fails_leaves_the_rest_to_their_first_use(monkeypatch, proces
 
 
 def test_where_nothing_can_be_kept_no_process_compiles(monkeypatch, processes):
-    missing(monkeypatch, "receiver")
+    drop_kernels(monkeypatch, "receiver")
     monkeypatch.setattr(account, "_ACCOUNT", account._Account())
     monkeypatch.setattr(kernels, "writable_folder", lambda _: None)
     progress = Watched()
@@ -105,7 +105,7 @@ def test_where_nothing_can_be_kept_no_process_compiles(monkeypatch, processes):
 
 
 def test_who_calls_from_python_reads_it_in_the_log(monkeypatch, processes, caplog):
-    names = missing(monkeypatch, "receiver")
+    names = drop_kernels(monkeypatch, "receiver")
     processes[1].extend(names)
     make_ready(RECEIVING, Silent())
     first, last = caplog.records

@@ -14,8 +14,8 @@ from skyproof.records import Baseline, Evidence, SignalId, SignalRef
 START = np.datetime64("2024-03-03T12:00:00", "ns")
 
 
-def piece(number, rng):
-    """One of many, with all that a piece can have."""
+def make_piece(number, rng):
+    """Make a piece of a recording with every kind of content that a piece can have."""
     window = number // 12
     subject = tuple(SignalRef("rx1", SignalId(f"G{sat:02d}", "L1", "CA", "a")) for sat in range(1, 25))
     baseline = Baseline(
@@ -38,7 +38,7 @@ def piece(number, rng):
     )
 
 
-def words(evidence):
+def list_words(evidence):
     return [(e.detector, e.start_gpst, e.subject, e.because, e.p_value, len(e.baselines)) for e in evidence]
 
 
@@ -47,17 +47,17 @@ def words(evidence):
 def test_it_is_a_sequence_like_any_other(n, places, cuts):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(packed_log, "PACKED", 7)
-        plain = [piece(number, np.random.default_rng(number)) for number in range(n)]
+        plain = [make_piece(number, np.random.default_rng(number)) for number in range(n)]
         log = PackedLog()
         edges = [0, *sorted(cut for cut in cuts if cut <= n), n]
         for first, end in pairwise(edges):
             log.extend(plain[first:end])
         assert len(log) == n
-        assert words(log) == words(plain)
-        assert words(log[3:20:2]) == words(plain[3:20:2])
+        assert list_words(log) == list_words(plain)
+        assert list_words(log[3:20:2]) == list_words(plain[3:20:2])
         for place in places:
             if -n <= place < n:
-                assert words([log[place]]) == words([plain[place]])
+                assert list_words([log[place]]) == list_words([plain[place]])
             else:
                 with pytest.raises(IndexError):
                     log[place]
@@ -66,7 +66,7 @@ def test_it_is_a_sequence_like_any_other(n, places, cuts):
 @pytest.mark.long
 def test_a_day_of_it_takes_a_few_megabytes_of_a_disk():
     rng = np.random.default_rng(1)
-    log = PackedLog(piece(number, rng) for number in range(12 * 360))
+    log = PackedLog(make_piece(number, rng) for number in range(12 * 360))
     a_day_mb = 24 * log._ends[-1] / 1e6
     assert 1.0 < a_day_mb < 15.0
     assert log[12].baselines[0].enu_m.shape == (1, 3)

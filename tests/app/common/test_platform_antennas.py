@@ -13,25 +13,25 @@ from skyproof.errors import SettingsError
 PLACES_M = [[0.0, 0.0, 0.0], [0.19, 0.0, 0.0], [0.1, 0.16, 0.0]]
 
 
-def tables(**keys: Any) -> dict[str, PlatformReceiver]:
+def make_tables(**keys: Any) -> dict[str, PlatformReceiver]:
     return {"rx": Platform.model_validate({"receivers": [keys]}).receivers[0]}
 
 
 def test_an_array_is_where_its_antennas_are() -> None:
-    described = tables(antennas_m=PLACES_M, antenna_sigma_m=0.002, line_bias_cyc=[0.0, 0.2, -0.1])
+    described = make_tables(antennas_m=PLACES_M, antenna_sigma_m=0.002, line_bias_cyc=[0.0, 0.2, -0.1])
     array = build_arrays(described, {"rx": 3})["rx"]
     assert np.array_equal(array.elements_m, PLACES_M)
     assert array.sigma_m == 0.002
     assert array.line_bias_cyc is not None
     assert array.line_bias_cyc.tolist() == [0.0, 0.2, -0.1]
-    unknown = build_arrays(tables(antennas_m=PLACES_M), {"rx": 3})["rx"]
+    unknown = build_arrays(make_tables(antennas_m=PLACES_M), {"rx": 3})["rx"]
     assert unknown.line_bias_cyc is None
     assert unknown.sigma_m is None
 
 
 def test_antennas_without_stated_places_are_no_array() -> None:
-    assert build_arrays(tables(line_bias_cyc=[0.0, 0.1]), {"rx": 2}) == {}
-    assert build_arrays(tables(antennas_m=PLACES_M[:1]), {"rx": 1}) == {}
+    assert build_arrays(make_tables(line_bias_cyc=[0.0, 0.1]), {"rx": 2}) == {}
+    assert build_arrays(make_tables(antennas_m=PLACES_M[:1]), {"rx": 1}) == {}
 
 
 @pytest.mark.parametrize(
@@ -44,12 +44,12 @@ def test_antennas_without_stated_places_are_no_array() -> None:
 )
 def test_a_number_of_antennas_other_than_the_inputs_is_refused(keys: Any, count: int, words: str) -> None:
     with pytest.raises(SettingsError, match=words):
-        build_arrays(tables(**keys), {"rx": count}, "p.toml")
+        build_arrays(make_tables(**keys), {"rx": count}, "p.toml")
 
 
 def test_an_arm_turns_with_its_rate() -> None:
-    (arm,) = build_spin_arms(tables(spin={"radius_m": 0.0951, "rate_hz": -0.25, "rate_sigma_hz": 0.001}))
+    (arm,) = build_spin_arms(make_tables(spin={"radius_m": 0.0951, "rate_hz": -0.25, "rate_sigma_hz": 0.001}))
     assert (arm.receiver, arm.radius_m) == ("rx", 0.0951)
     assert arm.rate_rad_s == pytest.approx(-0.5 * np.pi)
     assert arm.rate_sigma_rad_s == pytest.approx(0.002 * np.pi)
-    assert build_spin_arms(tables()) == ()
+    assert build_spin_arms(make_tables()) == ()

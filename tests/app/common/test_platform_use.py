@@ -32,13 +32,15 @@ SURVEYED = [
 ]
 
 
-def used(settings: Settings | None = None, names: list[str] = NAMES, **tables: Any) -> tuple[Settings, tuple[str, ...]]:
+def find_unused(
+    settings: Settings | None = None, names: list[str] = NAMES, **tables: Any
+) -> tuple[Settings, tuple[str, ...]]:
     platform = Platform.model_validate(tables)
     return derive_settings(platform, settings or platform.protect, names, match_tables(platform, names))
 
 
 def test_surveyed_positions_are_the_antennas_places() -> None:
-    settings, remarks = used(receivers=SURVEYED)
+    settings, remarks = find_unused(receivers=SURVEYED)
     assert settings.antennas_enu_m is not None
     assert list(settings.antennas_enu_m) == NAMES
     for name, enu_m in settings.antennas_enu_m.items():
@@ -47,18 +49,18 @@ def test_surveyed_positions_are_the_antennas_places() -> None:
     assert remarks == ()
 
 
-def unused(remarks: Sequence[str]) -> list[str]:
-    """The keys of the platform file that remarks call unused."""
+def list_unused(remarks: Sequence[str]) -> list[str]:
+    """List the keys of the platform file that remarks call unused."""
     found = [re.fullmatch("(.*): read, used by no method.*", remark) for remark in remarks]
     return [match[1] for match in found if match]
 
 
 def test_incomplete_positions_give_no_antennas_but_serve_fixed() -> None:
     for motion, remark in ((None, ()), ("moving", ("motion, receivers[0].position",))):
-        settings, remarks = used(receivers=[SURVEYED[0], {"name": "stern"}, {"name": "mast"}], motion=motion)
+        settings, remarks = find_unused(receivers=[SURVEYED[0], {"name": "stern"}, {"name": "mast"}], motion=motion)
         assert settings == Settings()
-        assert unused(remarks) == list(remark)
-    settings, _ = used(receivers=SURVEYED[:2])  # the third recording has no table
+        assert list_unused(remarks) == list(remark)
+    settings, _ = find_unused(receivers=SURVEYED[:2])  # the third recording has no table
     assert settings.antennas_enu_m is None
 
 
@@ -73,16 +75,16 @@ def test_incomplete_positions_give_no_antennas_but_serve_fixed() -> None:
     ],
 )
 def test_an_inertial_unit_is_used_where_a_receiver_may_move(tables: dict[str, Any], used_by: bool) -> None:
-    _, remarks = used(names=NAMES[:1], imu={"file": "imu.csv"}, **tables)
+    _, remarks = find_unused(names=NAMES[:1], imu={"file": "imu.csv"}, **tables)
     assert any("imu" in remark for remark in remarks) != used_by
 
 
 def test_an_option_comes_before_the_oscillator_setting() -> None:
-    settings, remarks = used(oscillator="ocxo")
+    settings, remarks = find_unused(oscillator="ocxo")
     assert (settings.oscillator, remarks) == ("ocxo", ())
-    settings, remarks = used(Settings(oscillator="tcxo"), oscillator="ocxo")
+    settings, remarks = find_unused(Settings(oscillator="tcxo"), oscillator="ocxo")
     assert settings.oscillator == "tcxo"
-    assert unused(remarks) == ["oscillator"]
+    assert list_unused(remarks) == ["oscillator"]
 
 
 BODY = [{"name": "a", "body_m": [10.0, 0.0, 0.0]}, {"name": "b", "body_m": [10.0, 3.0, -1.0]}]
@@ -100,7 +102,7 @@ BODY = [{"name": "a", "body_m": [10.0, 0.0, 0.0]}, {"name": "b", "body_m": [10.0
 )
 def test_the_body_turns_with_its_attitude(angles: Any, enu_m: Any) -> None:
     attitude = dict(zip(("heading_deg", "pitch_deg", "roll_deg"), angles, strict=True), sigma_deg=2.0)
-    settings, remarks = used(names=["a", "b"], receivers=BODY, attitude=attitude)
+    settings, remarks = find_unused(names=["a", "b"], receivers=BODY, attitude=attitude)
     assert settings.antennas_enu_m is not None
     assert settings.antennas_enu_m["a"] == (0.0, 0.0, 0.0)
     np.testing.assert_allclose(settings.antennas_enu_m["b"], enu_m, atol=1e-12)
@@ -111,7 +113,7 @@ def test_the_body_turns_with_its_attitude(angles: Any, enu_m: Any) -> None:
 @given(st.floats(-180.0, 180.0), st.floats(-89.0, 89.0), st.floats(-180.0, 180.0))
 def test_no_attitude_changes_the_distances(heading_deg: float, pitch_deg: float, roll_deg: float) -> None:
     attitude = {"heading_deg": heading_deg, "pitch_deg": pitch_deg, "roll_deg": roll_deg, "sigma_deg": 0.1}
-    settings, _ = used(names=["a", "b"], receivers=BODY, attitude=attitude)
+    settings, _ = find_unused(names=["a", "b"], receivers=BODY, attitude=attitude)
     assert settings.antennas_enu_m is not None
     assert np.linalg.norm(settings.antennas_enu_m["b"]) == pytest.approx(np.sqrt(10.0))
 
@@ -120,23 +122,25 @@ def test_no_attitude_changes_the_distances(heading_deg: float, pitch_deg: float,
     "more", [{}, {"motion": "moving", "attitude": {"heading_deg": 3.0, "sigma_deg": 1.0}}], ids=["absent", "moving"]
 )
 def test_antennas_keep_their_body_distance_without_an_attitude(more: dict[str, Any]) -> None:
-    settings, remarks = used(names=["a", "b"], receivers=[item | {"antenna_sigma_m": 0.01} for item in BODY], **more)
+    settings, remarks = find_unused(
+        names=["a", "b"], receivers=[item | {"antenna_sigma_m": 0.01} for item in BODY], **more
+    )
     assert settings.antennas_enu_m is None
     assert settings.antenna_distance_m == pytest.approx(np.sqrt(10.0))
     assert settings.antenna_distance_sigma_m == pytest.approx(0.01 * np.sqrt(2.0))
-    assert unused(remarks) == (["motion, attitude"] if more else [])
+    assert list_unused(remarks) == (["motion, attitude"] if more else [])
 
 
 def test_antennas_at_one_place_of_the_body_give_no_distance() -> None:
-    settings, remarks = used(names=["a", "b"], receivers=[BODY[0], BODY[0] | {"name": "b"}])
+    settings, remarks = find_unused(names=["a", "b"], receivers=[BODY[0], BODY[0] | {"name": "b"}])
     assert settings == Settings()
-    assert unused(remarks) == ["receivers[0].body_m, receivers[1].body_m"]
+    assert list_unused(remarks) == ["receivers[0].body_m, receivers[1].body_m"]
 
 
 @pytest.mark.parametrize("key", ["antennas_enu_m", "antenna_distance_m"])
 def test_settings_of_the_run_override_the_platform_and_report_it(key: str) -> None:
     value = {"antennas_enu_m": {name: (0.0, 0.0, 0.0) for name in NAMES}, "antenna_distance_m": 12.0}[key]
-    settings, remarks = used(Settings(**{key: value}), receivers=SURVEYED)
+    settings, remarks = find_unused(Settings(**{key: value}), receivers=SURVEYED)
     assert getattr(settings, key) == value
     assert settings == Settings(**{key: value})
     assert len(remarks) == 1
@@ -157,14 +161,14 @@ def test_settings_of_the_run_override_the_platform_and_report_it(key: str) -> No
     ],
 )
 def test_no_antenna_is_faster_than_the_platform_and_its_arm(tables: dict[str, Any], speed_m_s: float | None) -> None:
-    settings, _ = used(names=["a"], **tables)
+    settings, _ = find_unused(names=["a"], **tables)
     assert settings.speed_max_m_s == (speed_m_s if speed_m_s is None else pytest.approx(speed_m_s))
 
 
 def test_an_option_comes_before_the_platforms_speed() -> None:
-    settings, remarks = used(Settings(speed_max_m_s=5.0), speed_max_m_s=30.0)
+    settings, remarks = find_unused(Settings(speed_max_m_s=5.0), speed_max_m_s=30.0)
     assert settings.speed_max_m_s == 5.0
-    assert unused(remarks) == ["speed_max_m_s"]
+    assert list_unused(remarks) == ["speed_max_m_s"]
 
 
 def test_what_no_method_uses_stands_in_one_remark() -> None:
@@ -175,9 +179,9 @@ def test_what_no_method_uses_stands_in_one_remark() -> None:
         "imu": {"file": "imu.csv"},
         "receivers": [{"line_bias_cyc": [0.1], "spin": {"radius_m": 0.1, "rate_hz": 0.5}}],
     }
-    _, remarks = used(names=["a"], **tables)
+    _, remarks = find_unused(names=["a"], **tables)
     keys = "motion, attitude, receivers[0].line_bias_cyc"
-    assert unused(remarks) == [keys]
+    assert list_unused(remarks) == [keys]
 
 
 def test_inputs_and_names_come_from_the_platform(tmp_path: Path) -> None:
@@ -250,6 +254,6 @@ def test_positions_anywhere_give_back_the_baseline(lat_deg: float, lon_deg: floa
     lat, lon, height_m = geodetic_from_ecef(there)
     second = {"lat_deg": float(np.degrees(lat)), "lon_deg": float(np.degrees(lon)), "height_m": float(height_m)}
     receivers = [{"name": "a", "position": first}, {"name": "b", "position": second | {"sigma_m": 1.0}}]
-    settings, _ = used(names=["a", "b"], receivers=receivers)
+    settings, _ = find_unused(names=["a", "b"], receivers=receivers)
     assert settings.antennas_enu_m is not None
     np.testing.assert_allclose(settings.antennas_enu_m["b"], enu_m, atol=1e-5)

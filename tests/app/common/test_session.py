@@ -34,15 +34,15 @@ class Cut(list):
     run = windows_of([], NavigationData(ephemerides=()), Settings()).run
 
 
-def gist(step):
-    """What of a window has to be the same."""
+def summarize_step(step):
+    """Return what of a window has to be the same."""
     records, word = step.records, step.deciding
     found = [(e.detector, e.code, e.signals, dict(e.p), e.alpha, e.dated_gpst, str(e.data)) for e in step.findings]
     return records.start_gpst, records.end_gpst, found, word.words, word.word
 
 
-def fed(scene, sizes):
-    """Steps of a session whose receivers' epochs come in pieces of such sizes, in turn."""
+def feed_session(scene, sizes):
+    """Feed the receivers' epochs in pieces of such sizes, in turn, and return the session's steps."""
     sources = [FedSource(o.receiver) for o in scene.observations]
     session = open_session(sources, scene.navigation, Settings(), STANDS)
     given_to, steps = [0] * len(sources), []
@@ -65,14 +65,14 @@ def fed(scene, sizes):
 def test_pieces_of_any_size_give_what_the_whole_gives(scene, sizes):
     whole = open_session([WholeSource(o) for o in scene.observations], scene.navigation, Settings(), STANDS)
     steps = list(whole.steps())
-    assert [gist(step) for step in fed(scene, sizes)[1]] == [gist(step) for step in steps]
+    assert [summarize_step(step) for step in feed_session(scene, sizes)[1]] == [summarize_step(step) for step in steps]
     assert any(e.detector == "place" and e.code == "there" for step in steps for e in step.findings)
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_gaps_rates_and_starts_move_no_window_that_was_given(seed):
     rng = np.random.default_rng(seed)
-    logs = [drawn_epochs(f"rx{k}", rng) for k in range(int(rng.integers(1, 4)))]
+    logs = [draw_epochs(f"rx{k}", rng) for k in range(int(rng.integers(1, 4)))]
     chosen, nothing = widen_windows(Settings(), logs), NavigationData(ephemerides=())
     sources = [FedSource(o.receiver) for o in logs]
     windows, found, given_to = windows_of(sources, nothing, chosen), [], [0] * len(logs)
@@ -87,8 +87,8 @@ def test_gaps_rates_and_starts_move_no_window_that_was_given(seed):
     assert found == [(window.start_gpst, window.end_gpst) for window in whole]
 
 
-def drawn_epochs(receiver, rng):
-    """Epochs of one signal at some interval, with gaps, from some time on, with or without a break of its time."""
+def draw_epochs(receiver, rng):
+    """Draw epochs of one signal with some interval, start, gaps, and perhaps a break of its time."""
     n = int(rng.integers(20, 150))
     elapsed_s = float(rng.choice([0.2, 1.0, 5.0, 30.0])) * np.arange(n)
     kept = np.ones(n, bool)
@@ -112,7 +112,7 @@ def drawn_epochs(receiver, rng):
 
 def test_windows_come_before_the_end():
     one = MeasuredScene(epochs=47, antennas_enu_m={"rx1": PLACES["rx1"]}).records(np.random.default_rng(4))
-    before, steps = fed(one, [1])
+    before, steps = feed_session(one, [1])
     assert (len(before), len(steps)) == (4, 5)
 
 
@@ -137,7 +137,7 @@ def test_signals_that_come_later_change_no_window_before(scene):
     source.end()
     session = open_session([source], scene.navigation, Settings())
     whole = open_session([WholeSource(Observations.join(pieces))], scene.navigation, Settings())
-    assert [gist(step) for step in session.steps()] == [gist(step) for step in whole.steps()]
+    assert [summarize_step(step) for step in session.steps()] == [summarize_step(step) for step in whole.steps()]
 
 
 def test_a_break_of_time_cuts_what_is_fed_as_it_cuts_the_whole():
@@ -146,9 +146,9 @@ def test_a_break_of_time_cuts_what_is_fed_as_it_cuts_the_whole():
     later = np.arange(47) >= 23
     broken = replace(one, observations=(replace(o, pseudorange_m=o.pseudorange_m - 99e3 * later[:, None]),))
     whole = open_session([WholeSource(broken.observations[0])], one.navigation, Settings(), STANDS)
-    steps = [gist(step) for step in whole.steps()]
+    steps = [summarize_step(step) for step in whole.steps()]
     assert any(start == o.gpst[23] - np.timedelta64(500, "ms") for start, *_ in steps)
-    assert [gist(step) for step in fed(broken, [1])[1]] == steps
+    assert [summarize_step(step) for step in feed_session(broken, [1])[1]] == steps
 
 
 def test_what_is_remembered_stops_growing():

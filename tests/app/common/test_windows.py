@@ -32,8 +32,8 @@ START = np.datetime64("2022-01-01", "ns")
 ARM = SpinArm(receiver="rx1", radius_m=0.1, rate_rad_s=1.0)
 
 
-def usual_shares():
-    """What the detectors that any run may use take of the false alarms, in whole shares."""
+def sum_shares():
+    """Sum the shares of the false alarms that detectors take which any run may use."""
     kinds = [kind for kind in load_detectors().values() if RECEIVED.issuperset(kind().needs)]
     return sum(getattr(kind, "share", 1.0) for kind in kinds)
 
@@ -48,8 +48,8 @@ def test_a_detector_without_equipment_gets_no_false_alarm_share():
     of_a_window = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0
     bare = Records(start_gpst=START, end_gpst=START)
     turning = Records(start_gpst=START, end_gpst=START, spin_arms=(ARM,))
-    assert share(bare) == pytest.approx(of_a_window / usual_shares())
-    assert share(turning) == pytest.approx(of_a_window / (usual_shares() + 1.0))
+    assert share(bare) == pytest.approx(of_a_window / sum_shares())
+    assert share(turning) == pytest.approx(of_a_window / (sum_shares() + 1.0))
 
 
 def test_what_never_accuses_takes_no_share_but_tests_at_its_rate():
@@ -61,8 +61,8 @@ def test_what_never_accuses_takes_no_share_but_tests_at_its_rate():
     assert detectors["code_motion"] == pytest.approx(0.05 * detectors["residual"])
 
 
-def epochs_every(step_s, n, late_s=0.0):
-    """Observations of nothing in particular at epochs that come a little early or late."""
+def make_epochs(step_s, n, late_s=0.0):
+    """Make empty observations at epochs that come a little early or late."""
     elapsed_s = step_s * np.arange(n) + late_s * np.resize([0.0, 1.0, 0.0, -1.0], n)
     cells = dict.fromkeys(
         OBSERVABLES,
@@ -82,7 +82,7 @@ def epochs_every(step_s, n, late_s=0.0):
 
 @pytest.mark.parametrize(("step_s", "window_s"), [(0.05, 10.0), (1.0, 10.0), (2.0, 10.0), (5.0, 25.0), (30.0, 150.0)])
 def test_windows_hold_five_epochs_or_more_at_any_interval(step_s, window_s):
-    fast, slow = epochs_every(0.1, 10), epochs_every(step_s, 41, late_s=0.002 * step_s)
+    fast, slow = make_epochs(0.1, 10), make_epochs(step_s, 41, late_s=0.002 * step_s)
     settings = widen_windows(Settings(), [fast, slow])
     assert settings.window_s == pytest.approx(window_s, rel=1e-3)
     windows = windows_of([WholeSource(slow)], NavigationData(ephemerides=()), settings)
@@ -90,7 +90,7 @@ def test_windows_hold_five_epochs_or_more_at_any_interval(step_s, window_s):
     assert min(counts) >= 5
     assert sum(counts) == 41
     (detector,) = (d for d in instantiate_detectors(settings, windows.run) if d.name == "second_signals")
-    usual = usual_shares()
+    usual = sum_shares()
     of_a_window = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0
     assert detector.settings.false_alarm_probability == pytest.approx(of_a_window / usual)
 
@@ -146,7 +146,7 @@ def test_a_run_with_correlators_shares_the_false_alarms_with_sqm():
         value=np.zeros((0, 0, 1, 1), np.complex64),
     )
     run = Records(start_gpst=START, end_gpst=START, taps=(taps,))
-    assert share(run) == pytest.approx(of_a_window / (usual_shares() + 1))
+    assert share(run) == pytest.approx(of_a_window / (sum_shares() + 1))
 
 
 def test_a_window_ends_where_a_receivers_time_breaks():
@@ -162,7 +162,7 @@ def test_a_window_ends_where_a_receivers_time_breaks():
 
 @pytest.mark.parametrize(("more", "windows"), [(0, 6), (1, 6), (2, 7)])
 def test_one_epoch_of_one_receiver_alone_makes_no_window(more, windows):
-    both = (epochs_every(30.0, 30), replace(epochs_every(30.0, 30 + more), receiver="rx2"))
+    both = (make_epochs(30.0, 30), replace(make_epochs(30.0, 30 + more), receiver="rx2"))
     settings = widen_windows(Settings(), both)
     made = list(windows_of([WholeSource(o) for o in both], NavigationData(ephemerides=()), settings))
     assert len(made) == windows
@@ -171,9 +171,9 @@ def test_one_epoch_of_one_receiver_alone_makes_no_window(more, windows):
 
 @pytest.mark.parametrize("pause", [np.timedelta64(95, "s"), np.timedelta64(17 * 365, "D")])
 def test_a_pause_of_years_is_one_window(pause):
-    before = epochs_every(1.0, 60)
+    before = make_epochs(1.0, 60)
     gpst = np.concatenate([before.gpst, before.gpst[-1] + pause + np.arange(40) * np.timedelta64(1, "s")])
-    result = epochs_every(1.0, 100)
+    result = make_epochs(1.0, 100)
     log = replace(result, gpst=gpst, elapsed_s=(gpst - gpst[0]) / np.timedelta64(1, "s"))
     windows = windows_of([WholeSource(log)], NavigationData(ephemerides=()), Settings())
     held = [int(((gpst >= start) & (gpst < end)).sum()) for start, end in pairwise(windows.edges())]

@@ -34,10 +34,10 @@ EXAMPLE = re.compile(r"^#(?=[\w\[])", re.MULTILINE)
 
 
 @pytest.fixture(scope="module")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two observation files and their navigation file."""
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write two observation files and their navigation file."""
     folder = tmp_path_factory.mktemp("measured")
-    navigation, pair = kit.measured(31.0)
+    navigation, pair = kit.simulate_measurements(31.0)
     for marker, name, o, place in zip(("BOW 1", "BOW 1"), ("one", "two"), pair, PLACES, strict=False):
         here_m = ecef_from_geodetic(*place.geodetic_rad)
         write_obs(
@@ -53,7 +53,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def recording(folder: Path, name: str = "rx 1.bin") -> Path:
+def write_recording(folder: Path, name: str = "rx 1.bin") -> Path:
     np.random.default_rng(1).integers(-20, 20, 8000).astype(np.int8).tofile(folder / name)
     layout = SampleLayout.model_validate(
         {"rate_hz": 2e6, "kind": "complex", "encoding": "int", "bits": 8, "start_gpst": "2022-01-01T10:29:58"}
@@ -62,20 +62,20 @@ def recording(folder: Path, name: str = "rx 1.bin") -> Path:
     return folder / name
 
 
-def test_what_is_written_runs_as_it_is(measured: Path, tmp_path: Path) -> None:
-    made = init([measured / "one.obs", measured / "two.obs"], out=measured / "platform.toml")
+def test_what_is_written_runs_as_it_is(inputs: Path, tmp_path: Path) -> None:
+    made = init([inputs / "one.obs", inputs / "two.obs"], out=inputs / "platform.toml")
     assert [receiver.name for receiver in made.platform.receivers] == ["one", "two"]
     assert [receiver.inputs for receiver in made.platform.receivers] == [
-        (measured / "one.obs",),
-        (measured / "two.obs",),
+        (inputs / "one.obs",),
+        (inputs / "two.obs",),
     ]
-    verdict = protect(platform=made.path, nav=measured / "brdc.rnx").verdict
+    verdict = protect(platform=made.path, nav=inputs / "brdc.rnx").verdict
     assert [receiver.name for receiver in verdict.receivers] == ["one", "two"]
     assert verdict.inputs[-1].all_remarks == ()
 
 
-def test_what_the_files_say_stands_beside_their_receiver(measured: Path) -> None:
-    made = init([measured / "one.obs", recording(measured)], out=measured / "platform.toml", overwrite=True)
+def test_what_the_files_say_stands_beside_their_receiver(inputs: Path) -> None:
+    made = init([inputs / "one.obs", write_recording(inputs)], out=inputs / "platform.toml", overwrite=True)
     first, other = made.path.read_text(encoding="utf-8").split("[[receivers]]")[1:]
     place = PLACES[0]
     assert f"lat_deg = {place.lat_deg:.6f}, lon_deg = {place.lon_deg:.6f}, height_m = {place.height_m:.1f}" in (
@@ -88,9 +88,9 @@ def test_what_the_files_say_stands_beside_their_receiver(measured: Path) -> None
     )
 
 
-def test_a_receiver_is_named_as_its_marker_where_no_other_is(measured: Path, tmp_path: Path) -> None:
+def test_a_receiver_is_named_as_its_marker_where_no_other_is(inputs: Path, tmp_path: Path) -> None:
     (tmp_path / "sub").mkdir()
-    files = [measured / "one.obs", recording(tmp_path, "rx.bin"), recording(tmp_path / "sub", "rx.bin")]
+    files = [inputs / "one.obs", write_recording(tmp_path, "rx.bin"), write_recording(tmp_path / "sub", "rx.bin")]
     made = init(files, out=tmp_path / "platform.toml")
     assert [receiver.name for receiver in made.platform.receivers] == ["BOW-1", "rx", "rx-2"]
 
@@ -129,7 +129,7 @@ def test_readings_over_time_are_told_apart_by_their_columns(table: str, tmp_path
         table
     ]
     (tmp_path / "log.csv").write_text("\n".join([head, *(f"{t:.2f},{row}" for t in times)]) + "\n", encoding="ascii")
-    files = [recording(tmp_path), tmp_path / "log.csv"]
+    files = [write_recording(tmp_path), tmp_path / "log.csv"]
     made = init(files, out=tmp_path / "platform.toml")
     text = made.path.read_text(encoding="utf-8")
     if table == "imu":
@@ -148,14 +148,14 @@ def test_nothing_is_replaced_unasked(tmp_path: Path) -> None:
     out = tmp_path / "platform.toml"
     out.write_text("motion = 'static'\n", encoding="utf-8")
     with pytest.raises(OutputError, match=r"platform\.toml: .*--overwrite"):
-        init([recording(tmp_path)], out=out)
+        init([write_recording(tmp_path)], out=out)
     assert read_platform(out).motion == "static"
-    assert init([recording(tmp_path)], out=out, overwrite=True).platform.motion is None
+    assert init([write_recording(tmp_path)], out=out, overwrite=True).platform.motion is None
 
 
 @pytest.mark.parametrize("name", ["rx 1.toml", "rx 1.bin"])
 def test_no_input_and_no_sidecar_is_ever_replaced(name: str, tmp_path: Path) -> None:
-    path = recording(tmp_path)
+    path = write_recording(tmp_path)
     before = (tmp_path / name).read_bytes()
     with pytest.raises(OutputError, match=rf"{name}: .*\bsidecar\b.*--out"):
         init([path], out=tmp_path / name, overwrite=True)
@@ -165,7 +165,7 @@ def test_no_input_and_no_sidecar_is_ever_replaced(name: str, tmp_path: Path) -> 
 def test_paths_count_from_the_folder_of_the_platform_file(tmp_path: Path) -> None:
     for folder in ("here", "there"):
         (tmp_path / folder).mkdir()
-    path = recording(tmp_path / "there")
+    path = write_recording(tmp_path / "there")
     made = init([path], out=tmp_path / "here" / "platform.toml")
     assert 'inputs = ["../there/rx 1.bin"]' in made.path.read_text(encoding="utf-8")
     assert made.platform.receivers[0].inputs[0].resolve() == path.resolve()
@@ -185,8 +185,8 @@ def test_a_value_on_one_line_reads_back(value: object) -> None:
     assert tomllib.loads(f"x = {line}") == {"x": value}
 
 
-def test_a_name_that_is_no_text_is_refused(measured: Path, tmp_path: Path) -> None:
+def test_a_name_that_is_no_text_is_refused(inputs: Path, tmp_path: Path) -> None:
     odd = os.fsdecode(b"odd-\xff.obs")
-    shutil.copy(measured / "one.obs", tmp_path / odd)
+    shutil.copy(inputs / "one.obs", tmp_path / odd)
     with pytest.raises(InputError, match="UTF-8"):
         init([tmp_path / odd], out=tmp_path / "platform.toml")

@@ -28,8 +28,8 @@ START = np.datetime64("2024-03-03T11:59:58", "ns")
 
 
 @cache
-def sky(rate_hz: float, if_hz: float, real: bool, seed: int, duration_s: float = 0.1, cn0s: tuple = (50.0, 40.0)):
-    """Rows of numbers (1 or 2, n) of rms 1 in each."""
+def render(rate_hz: float, if_hz: float, real: bool, seed: int, duration_s: float = 0.1, cn0s: tuple = (50.0, 40.0)):
+    """Render a sky to rows of samples (1 or 2, n) of rms 1 each."""
     room_hz = rate_hz / 2 - abs(if_hz) if not real else min(if_hz, rate_hz / 2 - if_hz)
     front_end = FrontEnd(
         rate_hz=rate_hz,
@@ -49,45 +49,45 @@ def sky(rate_hz: float, if_hz: float, real: bool, seed: int, duration_s: float =
     return planes / planes.std()
 
 
-def numbers(planes: np.ndarray) -> np.ndarray:
-    """I0 Q0 I1 Q1 ..."""
+def interleave(planes: np.ndarray) -> np.ndarray:
+    """Interleave the planes: I0 Q0 I1 Q1 ..."""
     return planes.T.reshape(-1)
 
 
-def whole(planes: np.ndarray, kind: str, rms: float) -> bytes:
+def store_ints(planes: np.ndarray, kind: str, rms: float) -> bytes:
     limits = np.iinfo(kind)
-    return np.clip(np.round(numbers(planes) * rms), limits.min, limits.max).astype(kind).tobytes()
+    return np.clip(np.round(interleave(planes) * rms), limits.min, limits.max).astype(kind).tobytes()
 
 
-def unsigned(planes: np.ndarray, rms: float, kind: str = "u1", middle: float = 127.5) -> bytes:
-    return np.clip(np.round(numbers(planes) * rms + middle - 0.5), 0, np.iinfo(kind).max).astype(kind).tobytes()
+def store_unsigned(planes: np.ndarray, rms: float, kind: str = "u1", middle: float = 127.5) -> bytes:
+    return np.clip(np.round(interleave(planes) * rms + middle - 0.5), 0, np.iinfo(kind).max).astype(kind).tobytes()
 
 
-def turned_round(planes: np.ndarray) -> np.ndarray:
-    """Real samples with their spectrum the other way round."""
+def mirror_spectrum(planes: np.ndarray) -> np.ndarray:
+    """Mirror the spectrum of real samples."""
     return planes * (-1.0) ** np.arange(planes.shape[1])
 
 
-def packed(codes: np.ndarray, bits: int, *, lsb_first: bool = False) -> bytes:
+def pack_codes(codes: np.ndarray, bits: int, *, lsb_first: bool = False) -> bytes:
     codes = codes[: codes.size // (8 // bits) * (8 // bits)].reshape(-1, 8 // bits).astype(np.uint8)
     places = np.arange(8 // bits) * bits
     return np.bitwise_or.reduce(codes << (places if lsb_first else places[::-1]).astype(np.uint8), axis=1).tobytes()
 
 
-def signs(planes: np.ndarray) -> np.ndarray:
-    return numbers(planes) < 0
+def take_signs(planes: np.ndarray) -> np.ndarray:
+    return interleave(planes) < 0
 
 
-def sign_magnitude(planes: np.ndarray, level: float = 1.0) -> np.ndarray:
-    return 2 * signs(planes) + (np.abs(numbers(planes)) > level)
+def code_signs(planes: np.ndarray, level: float = 1.0) -> np.ndarray:
+    return 2 * take_signs(planes) + (np.abs(interleave(planes)) > level)
 
 
-def offset(planes: np.ndarray, bits: int, step: float) -> np.ndarray:
+def code_offset(planes: np.ndarray, bits: int, step: float) -> np.ndarray:
     half = 2 ** (bits - 1)
-    return np.clip(np.floor(numbers(planes) / step) + half, 0, 2 * half - 1).astype(np.uint8)
+    return np.clip(np.floor(interleave(planes) / step) + half, 0, 2 * half - 1).astype(np.uint8)
 
 
-def wav(body: bytes, rate_hz: int, channels: int, bits: int, code: int = 1) -> bytes:
+def make_wav(body: bytes, rate_hz: int, channels: int, bits: int, code: int = 1) -> bytes:
     size = channels * bits // 8
     head = struct.pack(
         "<4sI4s4sIHHIIHH",
@@ -127,70 +127,74 @@ def _case(name: str, octets: Callable[[], bytes], *, mirrored: bool = False, **l
 
 COMPLEX, REAL = {"kind": "complex"}, {"kind": "real"}
 TEN = (
-    _case("one.bin", lambda: packed(signs(sky(2.6e6, 0.0, False, 1)), 1),
+    _case("one.bin", lambda: pack_codes(take_signs(render(2.6e6, 0.0, False, 1)), 1),
           rate_hz=2.6e6, if_hz=0.0, kind="complex", encoding="sign", bits=1, bit_order="msb-first"),
-    _case("two.bin", lambda: packed(sign_magnitude(sky(16.368e6, 4.092e6, True, 2)), 2),
+    _case("two.bin", lambda: pack_codes(code_signs(render(16.368e6, 4.092e6, True, 2)), 2),
           rate_hz=16.368e6, if_hz=4.092e6, kind="real", encoding="sign-magnitude", bits=2, bit_order="msb-first"),
-    _case("three.dat", lambda: whole(sky(4e6, 0.0, False, 3), "i1", 25.0),
+    _case("three.dat", lambda: store_ints(render(4e6, 0.0, False, 3), "i1", 25.0),
           rate_hz=4e6, if_hz=0.0, kind="complex", encoding="int", bits=8),
-    _case("four.dat", lambda: whole(sky(5e6, 0.0, False, 4), ">i2", 300.0),
+    _case("four.dat", lambda: store_ints(render(5e6, 0.0, False, 4), ">i2", 300.0),
           rate_hz=5e6, if_hz=0.0, kind="complex", encoding="int", bits=16, byte_order="big"),
-    _case("five", lambda: numbers(sky(2.048e6, 0.0, False, 5)).astype("<f4").tobytes(),
+    _case("five", lambda: interleave(render(2.048e6, 0.0, False, 5)).astype("<f4").tobytes(),
           rate_hz=2.048e6, if_hz=0.0, kind="complex", encoding="float", bits=32, byte_order="little"),
-    _case("six.bin", lambda: unsigned(sky(2.4e6, 0.0, False, 6), 20.0),
+    _case("six.bin", lambda: store_unsigned(render(2.4e6, 0.0, False, 6), 20.0),
           rate_hz=2.4e6, if_hz=0.0, kind="complex", encoding="offset-binary", bits=8),
-    _case("seven.bin", lambda: whole(sky(8.184e6, 1.405e6, False, 7)[::-1], "i1", 10.0), mirrored=True,
+    _case("seven.bin", lambda: store_ints(render(8.184e6, 1.405e6, False, 7)[::-1], "i1", 10.0), mirrored=True,
           rate_hz=8.184e6, if_hz=1.405e6, kind="complex", encoding="int", bits=8),
-    _case("eight.bin", lambda: b"RECORDER 7 2024".ljust(1024, b"\0") + whole(sky(10e6, 0.0, False, 8), "<i2", 900.0),
+    _case("eight.bin",
+          lambda: b"RECORDER 7 2024".ljust(1024, b"\0") + store_ints(render(10e6, 0.0, False, 8), "<i2", 900.0),
           rate_hz=10e6, if_hz=0.0, kind="complex", encoding="int", bits=16, byte_order="little", header_bytes=1024),
-    _case("nine.bin", lambda: packed(signs(sky(5.456e6, 1.405e6, True, 9)), 1, lsb_first=True),
+    _case("nine.bin", lambda: pack_codes(take_signs(render(5.456e6, 1.405e6, True, 9)), 1, lsb_first=True),
           rate_hz=5.456e6, if_hz=1.405e6, kind="real", encoding="sign", bits=1, bit_order="lsb-first"),
-    _case("ten.wav", lambda: wav(whole(sky(2.5e6, 0.0, False, 10), "<i2", 2000.0), 2_500_000, 2, 16),
+    _case("ten.wav", lambda: make_wav(store_ints(render(2.5e6, 0.0, False, 10), "<i2", 2000.0), 2_500_000, 2, 16),
           rate_hz=2.5e6, if_hz=0.0, kind="complex", encoding="int", bits=16, header_bytes=44),
 )  # fmt: skip
 """The ten of mixed formats."""
 
 MORE = (
-    _case("nibbles.bin", lambda: packed(np.frombuffer(whole(sky(6.5e6, 0.0, False, 11), "i1", 2.0), np.int8) & 15, 4),
+    _case("nibbles.bin",
+          lambda: pack_codes(np.frombuffer(store_ints(render(6.5e6, 0.0, False, 11), "i1", 2.0), np.int8) & 15, 4),
           rate_hz=6.5e6, if_hz=0.0, kind="complex", encoding="int", bits=4, bit_order="msb-first"),
-    _case("offset-pairs.bin", lambda: packed(offset(sky(12.5e6, 2e6, False, 12), 2, 1.0), 2, lsb_first=True),
+    _case("offset-pairs.bin",
+          lambda: pack_codes(code_offset(render(12.5e6, 2e6, False, 12), 2, 1.0), 2, lsb_first=True),
           rate_hz=12.5e6, if_hz=2e6, kind="complex", encoding="offset-binary", bits=2, bit_order="lsb-first"),
-    _case("odd-rate.bin", lambda: whole(sky(3_276_800.0, 123_000.0, False, 13), "i1", 30.0),
+    _case("odd-rate.bin", lambda: store_ints(render(3_276_800.0, 123_000.0, False, 13), "i1", 30.0),
           rate_hz=3_276_800.0, if_hz=123_000.0, kind="complex", encoding="int", bits=8),
-    _case("fraction.bin", lambda: whole(sky(4_166_667.0, 0.0, False, 14), "<i2", 100.0),
+    _case("fraction.bin", lambda: store_ints(render(4_166_667.0, 0.0, False, 14), "<i2", 100.0),
           rate_hz=4_166_667.0, if_hz=0.0, kind="complex", encoding="int", bits=16, byte_order="little"),
     _case("odd-header.bin", lambda: b"a header of thirty-seven bytes, odd.\n"
-          + whole(sky(4e6, 0.0, False, 15), "<i2", 60.0),
+          + store_ints(render(4e6, 0.0, False, 15), "<i2", 60.0),
           rate_hz=4e6, if_hz=0.0, kind="complex", encoding="int", bits=16, byte_order="little", header_bytes=37),
-    _case("twelve-bit.bin", lambda: unsigned(sky(5e6, 0.0, False, 16), 200.0, "<u2", 2048.0),
+    _case("twelve-bit.bin", lambda: store_unsigned(render(5e6, 0.0, False, 16), 200.0, "<u2", 2048.0),
           rate_hz=5e6, if_hz=0.0, kind="complex", bits=16, byte_order="little"),
-    _case("wide.bin", lambda: whole(sky(2.8e6, 0.0, False, 17), "<i4", 5e6),
+    _case("wide.bin", lambda: store_ints(render(2.8e6, 0.0, False, 17), "<i4", 5e6),
           rate_hz=2.8e6, if_hz=0.0, kind="complex", encoding="int", bits=32, byte_order="little"),
-    _case("gn3s.bin", lambda: (2 * offset(sky(38.192e6, 9.548e6, True, 18, 0.05), 2, 1.0) - 3).astype("i1").tobytes(),
+    _case("gn3s.bin",
+          lambda: (2 * code_offset(render(38.192e6, 9.548e6, True, 18, 0.05), 2, 1.0) - 3).astype("i1").tobytes(),
           rate_hz=38.192e6, if_hz=9.548e6, kind="real", encoding="int", bits=8),
-    _case("weak.bin", lambda: whole(sky(2.048e6, 0.0, False, 19, 0.3, (42.0, 36.0)), "i1", 20.0),
+    _case("weak.bin", lambda: store_ints(render(2.048e6, 0.0, False, 19, 0.3, (42.0, 36.0)), "i1", 20.0),
           rate_hz=2.048e6, if_hz=0.0, kind="complex", encoding="int", bits=8),
-    _case("dead-start.bin", lambda: bytes(400_000) + whole(sky(4e6, 0.0, False, 20), "i1", 20.0),
+    _case("dead-start.bin", lambda: bytes(400_000) + store_ints(render(4e6, 0.0, False, 20), "i1", 20.0),
           rate_hz=4e6, if_hz=0.0, kind="complex", encoding="int", bits=8),
-    _case("off-carrier.bin", lambda: whole(sky(10e6, 3.17e6, False, 21), "i1", 20.0),
+    _case("off-carrier.bin", lambda: store_ints(render(10e6, 3.17e6, False, 21), "i1", 20.0),
           rate_hz=10e6, if_hz=3.17e6, kind="complex", encoding="int", bits=8),
-    _case("real-off-quarter.bin", lambda: whole(sky(20e6, 3.5e6, True, 22), "i1", 20.0),
+    _case("real-off-quarter.bin", lambda: store_ints(render(20e6, 3.5e6, True, 22), "i1", 20.0),
           rate_hz=20e6, if_hz=3.5e6, kind="real", encoding="int", bits=8),
-    _case("mirrored-real.bin", lambda: whole(turned_round(sky(16.368e6, 4.092e6, True, 23)), "i1", 20.0),
+    _case("mirrored-real.bin", lambda: store_ints(mirror_spectrum(render(16.368e6, 4.092e6, True, 23)), "i1", 20.0),
           rate_hz=16.368e6, if_hz=-4.092e6, kind="real", encoding="int", bits=8),
-    _case("doubles.bin", lambda: numbers(sky(3.2e6, 0.0, False, 24)).astype(">f8").tobytes(),
+    _case("doubles.bin", lambda: interleave(render(3.2e6, 0.0, False, 24)).astype(">f8").tobytes(),
           rate_hz=3.2e6, if_hz=0.0, kind="complex", encoding="float", bits=64, byte_order="big"),
-    _case("unpacked.bin", lambda: signs(sky(4.092e6, 0.0, False, 25)).astype(np.uint8).tobytes(),
+    _case("unpacked.bin", lambda: take_signs(render(4.092e6, 0.0, False, 25)).astype(np.uint8).tobytes(),
           rate_hz=4.092e6, if_hz=0.0, kind="complex", bits=8),
-    _case("two-valued.bin", lambda: (600 - 1200 * signs(sky(4e6, 0.0, False, 29)).astype("<i2")).tobytes(),
+    _case("two-valued.bin", lambda: (600 - 1200 * take_signs(render(4e6, 0.0, False, 29)).astype("<i2")).tobytes(),
           rate_hz=4e6, if_hz=0.0, kind="complex", bits=16, byte_order="little"),
-    _case("shifted.bin", lambda: (256 * np.round(numbers(sky(4e6, 0.0, False, 16)))).astype("<i2").tobytes(),
+    _case("shifted.bin", lambda: (256 * np.round(interleave(render(4e6, 0.0, False, 16)))).astype("<i2").tobytes(),
           rate_hz=4e6, if_hz=0.0, kind="complex", encoding="int", bits=16, byte_order="little"),
-    _case("loud.bin", lambda: whole(sky(4e6, 0.0, False, 26), "i1", 110.0),
+    _case("loud.bin", lambda: store_ints(render(4e6, 0.0, False, 26), "i1", 110.0),
           rate_hz=4e6, if_hz=0.0, kind="complex", encoding="int", bits=8),
-    _case("magnitudes-first.bin", lambda: packed(sign_magnitude(sky(8e6, 0.0, False, 27), 0.6), 2, lsb_first=True),
+    _case("magnitudes-first.bin", lambda: pack_codes(code_signs(render(8e6, 0.0, False, 27), 0.6), 2, lsb_first=True),
           rate_hz=8e6, if_hz=0.0, kind="complex", encoding="sign-magnitude", bits=2, bit_order="lsb-first"),
-    _case("short.bin", lambda: whole(sky(4e6, 0.0, False, 28, 0.01), "i1", 20.0),
+    _case("short.bin", lambda: store_ints(render(4e6, 0.0, False, 28, 0.01), "i1", 20.0),
           rate_hz=4e6, if_hz=0.0, kind="complex", encoding="int", bits=8),
 )  # fmt: skip
 """Further formats, for which nothing was designed."""
@@ -199,8 +203,10 @@ MORE = (
 # --- what is right
 
 
-def wrong(layout: dict, case: Strange) -> dict:
-    """What of a guess differs from how the file was made.
+def find_differences(layout: dict, case: Strange) -> dict:
+    """List what of a guess differs from how the file was made. A header may be a few samples longer or shorter while I
+    and Q stay what they are, and a frequency may be off by 2 ppm, which no satellite separates from the
+    oscillator's error.
 
     A header may be a few samples longer or shorter, as long as I and Q stay what they are, and a frequency, which
     no satellite separates from the oscillator's error, 2 ppm off.
@@ -227,7 +233,7 @@ def test_the_reading_that_shows_satellites_is_proposed_first(case: Strange, tmp_
     found = guess(case.write(tmp_path))
     best = found.proposals[0]
     assert best.convincing
-    assert wrong({key: getattr(best.layout, key) for key in type(best.layout).model_fields}, case) == {}
+    assert find_differences({key: getattr(best.layout, key) for key in type(best.layout).model_fields}, case) == {}
     assert len(best.satellites) >= 7
 
 
@@ -236,7 +242,7 @@ def test_the_reading_that_shows_satellites_is_proposed_first(case: Strange, tmp_
 def test_ten_recordings_of_mixed_formats_are_read_right(case: Strange, tmp_path: Path) -> None:
     path = case.write(tmp_path)
     (found,) = inspect(path, write=True)
-    assert wrong(read_as(found), case) == {}
+    assert find_differences(read_as(found), case) == {}
     assert found.layout.conjugate is case.mirrored
     assert found.conjugate in (False, None)
     assert read_sidecar(path.with_suffix(".toml")) == found.layout
@@ -246,7 +252,7 @@ def test_ten_recordings_of_mixed_formats_are_read_right(case: Strange, tmp_path:
 @pytest.mark.parametrize("case", MORE, ids=lambda case: case.name)
 def test_formats_that_nothing_was_designed_for_are_read_right(case: Strange, tmp_path: Path) -> None:
     (found,) = inspect(case.write(tmp_path))
-    assert wrong(read_as(found), case) == {}
+    assert find_differences(read_as(found), case) == {}
 
 
 REAL = {
@@ -290,20 +296,20 @@ def test_a_recording_of_another_band_convinces_of_nothing(shared_data: Path, tmp
 
 @pytest.fixture
 def guessed_once(monkeypatch) -> None:
-    """However often a test inspects a file, what it may be is found out once."""
+    """Cache guesses, so that tests that inspect one file again do not repeat them."""
     monkeypatch.setattr("skyproof.app.inspect.undescribed.guess", cache(guess))
 
 
-def several(n: int, rate_hz: float, if_hz: float, real: bool, duration_s: float = 0.1) -> np.ndarray:
-    """Rows of numbers, one or two a receiver."""
-    scene = [sky(rate_hz, if_hz, real, seed, duration_s) for seed in range(1, n + 1)]
+def render_receivers(n: int, rate_hz: float, if_hz: float, real: bool, duration_s: float = 0.1) -> np.ndarray:
+    """Render several receivers to rows of numbers, one or two each."""
+    scene = [render(rate_hz, if_hz, real, seed, duration_s) for seed in range(1, n + 1)]
     shortest = min(planes.shape[1] for planes in scene)
     return np.concatenate([planes[:, :shortest] for planes in scene])
 
 
-def split(real: bool, noise: float) -> np.ndarray:
-    """Two channels of one antenna, each with noise of its own."""
-    planes = sky(4.092e6, 1.023e6, True, 3) if real else sky(4e6, 0.0, False, 3)
+def split_antenna(real: bool, noise: float) -> np.ndarray:
+    """Make two channels of one antenna, each with noise of its own."""
+    planes = render(4.092e6, 1.023e6, True, 3) if real else render(4e6, 0.0, False, 3)
     rng = np.random.default_rng(3)
     return np.concatenate([planes + noise * rng.normal(size=planes.shape) for _ in range(2)])
 
@@ -315,8 +321,8 @@ TOGETHER = [
 ]  # fmt: skip
 
 
-def stored(rows: np.ndarray, form: str) -> bytes:
-    return packed(signs(rows), 1) if form == "bits" else whole(rows, form, 20.0)
+def store_rows(rows: np.ndarray, form: str) -> bytes:
+    return pack_codes(take_signs(rows), 1) if form == "bits" else store_ints(rows, form, 20.0)
 
 
 @pytest.mark.usefixtures("guessed_once")
@@ -329,7 +335,11 @@ def test_interleaved_channels_are_reported_and_get_no_sidecar(
 ) -> None:
     words = f"{words} channels"
     path = tmp_path / "both.bin"
-    path.write_bytes(stored(several(2, 5.456e6, 1.405e6, True) if real else several(2, 2.6e6, 0.0, False), form))
+    path.write_bytes(
+        store_rows(
+            render_receivers(2, 5.456e6, 1.405e6, True) if real else render_receivers(2, 2.6e6, 0.0, False), form
+        )
+    )
     with pytest.raises(NotUnderstood, match=words) as refused:
         inspect(path, write=True)
     (command,) = re.findall(r"`skyproof inspect \S+ ([^`]*)`", str(refused.value))
@@ -354,7 +364,7 @@ def test_no_reading_of_several_channels_convinces(
     n: int, rate_hz: float, if_hz: float, real: bool, form: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "several.bin"
-    path.write_bytes(stored(several(n, rate_hz, if_hz, real), form))
+    path.write_bytes(store_rows(render_receivers(n, rate_hz, if_hz, real), form))
     found = guess(path)
     assert not found.convincing
     assert found.proposals[0].interleaved or not found.proposals[0].satellites
@@ -370,14 +380,14 @@ def test_no_reading_of_several_channels_convinces(
 @pytest.mark.parametrize("noise", [1.0, 0.3, 0.0])
 def test_no_reading_of_a_split_antenna_convinces(real: bool, noise: float, form: str, tmp_path: Path) -> None:
     path = tmp_path / "split.bin"
-    path.write_bytes(stored(split(real, noise), form))
+    path.write_bytes(store_rows(split_antenna(real, noise), form))
     assert not guess(path).convincing
 
 
 # --- nothing there
 
 
-def noise(kind: str, seed: int) -> bytes:
+def make_noise(kind: str, seed: int) -> bytes:
     rng = np.random.default_rng(seed)
     if kind == "bits":
         return rng.bytes(200_000)
@@ -387,7 +397,7 @@ def noise(kind: str, seed: int) -> bytes:
 @pytest.mark.parametrize("kind", ["bits", "int8"])
 def test_noise_convinces_of_nothing(kind: str, tmp_path: Path) -> None:
     path = tmp_path / "noise.bin"
-    path.write_bytes(noise(kind, 1))
+    path.write_bytes(make_noise(kind, 1))
     with pytest.raises(NotUnderstood) as refused:
         inspect(path, write=True)
     proposals = refused.value.guess.proposals
@@ -400,7 +410,7 @@ def test_of_many_noises_none_convinces(tmp_path: Path) -> None:
     path = tmp_path / "noise.bin"
     found = 0
     for seed in range(40):
-        path.write_bytes(noise(("bits", "int8")[seed % 2], 100 + seed))
+        path.write_bytes(make_noise(("bits", "int8")[seed % 2], 100 + seed))
         trial = guess(path)
         assert not trial.convincing
         found += any(proposal.satellites for proposal in trial.proposals)
@@ -412,9 +422,9 @@ def test_of_many_noises_none_convinces(tmp_path: Path) -> None:
 
 @pytest.fixture
 def swapped(tmp_path: Path) -> Path:
-    """Q before I, a bit each."""
+    """Write a one-bit file that has Q before I."""
     path = tmp_path / "swapped.bin"
-    path.write_bytes(packed(signs(sky(2.6e6, 0.0, False, 1)[::-1]), 1))
+    path.write_bytes(pack_codes(take_signs(render(2.6e6, 0.0, False, 1)[::-1]), 1))
     return path
 
 
@@ -481,7 +491,7 @@ def test_the_command_shows_the_guess_and_writes_it(swapped: Path, capsys) -> Non
 @pytest.mark.usefixtures("guessed_once")
 def test_what_cannot_be_decided_is_one_screen_and_one_document(tmp_path: Path, capsys) -> None:
     path = tmp_path / "noise.bin"
-    path.write_bytes(noise("int8", 2))
+    path.write_bytes(make_noise("int8", 2))
     assert cli.main(["inspect", str(path)]) == 0
     assert "--rate-hz RATE" in " ".join(capsys.readouterr().out.split())
     assert cli.main(["inspect", str(path), "--json"]) == 0
@@ -493,7 +503,7 @@ def test_what_cannot_be_decided_is_one_screen_and_one_document(tmp_path: Path, c
 @pytest.mark.usefixtures("guessed_once")
 def test_pictures_are_written_even_if_nothing_convinces(tmp_path: Path, capsys) -> None:
     path = tmp_path / "noise.bin"
-    path.write_bytes(noise("int8", 2))
+    path.write_bytes(make_noise("int8", 2))
     out = tmp_path / "pictures"
     assert cli.main(["inspect", str(path), "--plot", "--out", str(out)]) == 0
     assert "not certain" in capsys.readouterr().out

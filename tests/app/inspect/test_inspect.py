@@ -28,19 +28,19 @@ INT8 = 'encoding = "int"\nbits = 8\n'
 START = np.datetime64("2024-03-03T11:59:58", "ns")
 
 
-def reported(path: Path, sidecar: str, folder: Path) -> dict:
+def inspect_json(path: Path, sidecar: str, folder: Path) -> dict:
     beside = folder / "how.toml"
     beside.write_text("[samples]\n" + sidecar, encoding="utf-8")
     return json.loads(write_document_json(inspect(path, sidecar=beside)))
 
 
-def satellites(document: dict) -> set[int]:
+def list_satellites(document: dict) -> set[int]:
     assert all(item["peaks"] == 1 for item in document["satellites"])
     return {int(item["sat"][1:]) for item in document["satellites"]}
 
 
-def agrees(document: dict, table: dict[int, tuple[float, float]], *, doppler_hz: float) -> None:
-    """Dopplers and code phases are those that the README of the recordings lists."""
+def assert_agrees(document: dict, table: dict[int, tuple[float, float]], *, doppler_hz: float) -> None:
+    """Check Dopplers and code phases against those that the README of the recordings lists."""
     for item in document["satellites"]:
         if (listed := table.get(int(item["sat"][1:]))) is not None:
             assert item["doppler_hz"] == pytest.approx(listed[0], abs=doppler_hz)
@@ -58,12 +58,12 @@ def is_gap(gap: dict, at_sample: int, missing: int) -> bool:
 @pytest.mark.shared_data
 def test_12_mhz_real_samples_lose_some_once(shared_data: Path, tmp_path: Path) -> None:
     path = shared_data / "real" / "iq-pocketsdr" / "L1_20211125_004000_12MHz_I.bin"
-    document = reported(path, INT8 + 'rate_hz = 12e6\nif_hz = 3e6\nkind = "real"\n', tmp_path)
-    found = satellites(document)
+    document = inspect_json(path, INT8 + 'rate_hz = 12e6\nif_hz = 3e6\nkind = "real"\n', tmp_path)
+    found = list_satellites(document)
     assert found <= set(REAL_12)
     assert set(REAL_12) - found <= {24, 28}
     assert len(found) >= len(REAL_12) - 1
-    agrees(document, REAL_12, doppler_hz=50.0)
+    assert_agrees(document, REAL_12, doppler_hz=50.0)
     (gap,) = document["gaps"]
     assert is_gap(gap, 1_048_576, 965)
     assert document["conjugate"] is False
@@ -77,11 +77,11 @@ def test_12_mhz_real_samples_lose_some_once(shared_data: Path, tmp_path: Path) -
 @pytest.mark.shared_data
 def test_24_mhz_real_samples_lose_some_twice(shared_data: Path, tmp_path: Path) -> None:
     path = shared_data / "real" / "iq-pocketsdr" / "L1_20211201_054600_24MHz_I.bin"
-    document = reported(path, INT8 + 'rate_hz = 24e6\nif_hz = 6e6\nkind = "real"\n', tmp_path)
-    found = satellites(document)
+    document = inspect_json(path, INT8 + 'rate_hz = 24e6\nif_hz = 6e6\nkind = "real"\n', tmp_path)
+    found = list_satellites(document)
     assert found <= set(REAL_24)
     assert set(REAL_24) - found in (set(), {23}, {24}, {29})
-    agrees(document, REAL_24, doppler_hz=50.0)
+    assert_agrees(document, REAL_24, doppler_hz=50.0)
     first, second = document["gaps"]
     assert is_gap(first, 1 << 20, 3434)
     assert is_gap(second, 1 << 21, 5877)
@@ -93,14 +93,14 @@ def test_24_mhz_real_samples_lose_some_twice(shared_data: Path, tmp_path: Path) 
 def test_4_mhz_complex_samples_are_mirrored(shared_data: Path, tmp_path: Path, conjugate: bool) -> None:
     path = shared_data / "real" / "iq-pocketsdr" / "L1_20211202_084700_4MHz_IQ.bin"
     sidecar = INT8 + 'rate_hz = 4e6\nkind = "complex"\n' + ("conjugate = true\n" if conjugate else "")
-    document = reported(path, sidecar, tmp_path)
+    document = inspect_json(path, sidecar, tmp_path)
     assert document["conjugate"] is not conjugate
     assert document["conjugate_error_probability"] < 1e-6
     assert ("mirrored" in document["summary"]) is not conjugate
-    found = satellites(document)
+    found = list_satellites(document)
     assert found - {3} <= set(COMPLEX_4)  # the README holds 3 for very likely present
     assert set(COMPLEX_4) - found in (set(), {4}, {25})
-    agrees(document, COMPLEX_4, doppler_hz=50.0)
+    assert_agrees(document, COMPLEX_4, doppler_hz=50.0)
     assert document["gaps"] == []
     assert abs(document["oscillator_error_hz"] - 285.0) < 3.0 * document["oscillator_error_sigma_hz"]
     assert abs(document["clock_minus_lo_ppm"]) < 4.0 * document["clock_minus_lo_sigma_ppm"]
@@ -109,11 +109,11 @@ def test_4_mhz_complex_samples_are_mirrored(shared_data: Path, tmp_path: Path, c
 @pytest.mark.shared_data
 def test_on_another_carrier_there_is_nothing(shared_data: Path, tmp_path: Path) -> None:
     path = shared_data / "real" / "iq-pocketsdr" / "L2_20211202_084700_4MHz_IQ_first100ms.bin"
-    as_l1 = reported(path, INT8 + 'rate_hz = 4e6\nkind = "complex"\n', tmp_path)
+    as_l1 = inspect_json(path, INT8 + 'rate_hz = 4e6\nkind = "complex"\n', tmp_path)
     assert as_l1["satellites"] == []
     assert "no GPS L1 C/A signal" in as_l1["summary"]
     assert as_l1["conjugate"] is None
-    as_l2 = reported(path, INT8 + 'rate_hz = 4e6\nkind = "complex"\ncentre_hz = 1227.6e6\n', tmp_path)
+    as_l2 = inspect_json(path, INT8 + 'rate_hz = 4e6\nkind = "complex"\ncentre_hz = 1227.6e6\n', tmp_path)
     assert as_l2["satellites"] == []
     assert any("1227.600 MHz" in remark for remark in as_l2["remarks"])
 
@@ -121,11 +121,11 @@ def test_on_another_carrier_there_is_nothing(shared_data: Path, tmp_path: Path) 
 @pytest.mark.shared_data
 def test_an_oscillator_6_ppm_off_is_reported(shared_data: Path, tmp_path: Path) -> None:
     path = shared_data / "real" / "iq-cttc" / "GSoC_CTTC_capture_2012_07_26_4Msps_4ms.dat"
-    document = reported(path, 'encoding = "float"\nbits = 32\nrate_hz = 4e6\nkind = "complex"\n', tmp_path)
-    found = satellites(document)
+    document = inspect_json(path, 'encoding = "float"\nbits = 32\nrate_hz = 4e6\nkind = "complex"\n', tmp_path)
+    found = list_satellites(document)
     assert found <= set(CTTC)
     assert set(CTTC) - found in (set(), {2}, {30})
-    agrees(document, CTTC, doppler_hz=60.0)  # the README's come from bins, and 4 ms make no better ones
+    assert_agrees(document, CTTC, doppler_hz=60.0)  # the README's come from bins, and 4 ms make no better ones
     assert abs(document["oscillator_error_hz"] - 9520.0) < 3.0 * document["oscillator_error_sigma_hz"]
     assert document["oscillator_error_ppm"] == pytest.approx(6.0, abs=1.0)
     assert any("oscillator" in remark for remark in document["remarks"])
@@ -139,7 +139,7 @@ LO_PPM = 0.628  # how much too fast the oscillator of that scene is
 PLACE = ScenePlace(lat_deg=48.1, lon_deg=11.6, height_m=500.0)
 
 
-def sky(*, if_hz: float = 0.0, duration_s: float = 0.06) -> tuple[Samples, set[str]]:
+def make_sky(*, if_hz: float = 0.0, duration_s: float = 0.06) -> tuple[Samples, set[str]]:
     front_end = FrontEnd(rate_hz=4e6, if_hz=if_hz, encoding="int", bits=8)
     scenario = scenes.make_clean(
         PLACE, START, duration_s=duration_s, receivers=1, mask_deg=10.0, seed=2, front_end=front_end
@@ -151,30 +151,30 @@ def sky(*, if_hz: float = 0.0, duration_s: float = 0.06) -> tuple[Samples, set[s
 
 
 @pytest.fixture(scope="module")
-def rendered() -> tuple[bytes, set[str]]:
-    samples, heard = sky(if_hz=300e3)
+def samples() -> tuple[bytes, set[str]]:
+    samples, heard = make_sky(if_hz=300e3)
     return samples.read(0, samples.n_samples).T.astype(np.int8).tobytes(), heard
 
 
 @pytest.fixture
-def stored(rendered: tuple[bytes, set[str]], tmp_path: Path) -> tuple[Path, set[str]]:
+def recording(samples: tuple[bytes, set[str]], tmp_path: Path) -> tuple[Path, set[str]]:
     path = tmp_path / "rx.bin"
-    path.write_bytes(rendered[0])
-    return path, rendered[1]
+    path.write_bytes(samples[0])
+    return path, samples[1]
 
 
 @pytest.fixture(scope="module")
-def inspected(rendered: tuple[bytes, set[str]], tmp_path_factory: pytest.TempPathFactory) -> tuple[Inspection, ...]:
-    """What is found in that recording, once for all tests that want to see it shown."""
+def inspection(samples: tuple[bytes, set[str]], tmp_path_factory: pytest.TempPathFactory) -> tuple[Inspection, ...]:
+    """Inspect the recording once for all tests that look at what is shown."""
     path = tmp_path_factory.mktemp("inspected") / "rx.bin"
-    path.write_bytes(rendered[0])
+    path.write_bytes(samples[0])
     return tuple(inspect(path, layout=LAYOUT))
 
 
 @pytest.fixture
-def known(inspected: tuple[Inspection, ...], monkeypatch: pytest.MonkeyPatch) -> None:
-    """The command shows that, without looking again."""
-    monkeypatch.setattr("skyproof.app.inspect.inspect", lambda *_, **__: inspected)
+def known_inspection(inspection: tuple[Inspection, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make the command show these findings without a new search."""
+    monkeypatch.setattr("skyproof.app.inspect.inspect", lambda *_, **__: inspection)
 
 
 LAYOUT = {"rate_hz": 4e6, "kind": "complex", "encoding": "int", "bits": 8, "if_hz": 300e3}
@@ -182,10 +182,10 @@ OPTIONS = ["--rate-hz", "4e6", "--kind", "complex", "--encoding", "int", "--bits
 
 
 def test_a_clean_sky_is_all_there_with_nothing_wrong(
-    rendered: tuple[bytes, set[str]], inspected: tuple[Inspection, ...]
+    samples: tuple[bytes, set[str]], inspection: tuple[Inspection, ...]
 ) -> None:
-    _, heard = rendered
-    (found,) = inspected
+    _, heard = samples
+    (found,) = inspection
     assert {satellite.sat for satellite in found.satellites} == heard
     assert found.conjugate is False
     assert found.survey.gaps == ()
@@ -194,8 +194,8 @@ def test_a_clean_sky_is_all_there_with_nothing_wrong(
     assert "but" not in found.summary
 
 
-def test_satellites_in_the_conjugate_only_are_found(stored: tuple[Path, set[str]]) -> None:
-    path, heard = stored
+def test_satellites_in_the_conjugate_only_are_found(recording: tuple[Path, set[str]]) -> None:
+    path, heard = recording
     (found,) = inspect(path, layout={**LAYOUT, "conjugate": True})
     assert {satellite.sat for satellite in found.satellites} == heard
     assert found.conjugate is True
@@ -203,7 +203,7 @@ def test_satellites_in_the_conjugate_only_are_found(stored: tuple[Path, set[str]
 
 
 def test_the_longest_stretch_between_gaps_is_searched() -> None:
-    samples, heard = sky(duration_s=0.09)
+    samples, heard = make_sky(duration_s=0.09)
     planes = samples.read(0, samples.n_samples)
     kept = np.concatenate([planes[:, :100_000], planes[:, 101_234:]], axis=1)
     cut = Samples(
@@ -221,8 +221,8 @@ def test_the_longest_stretch_between_gaps_is_searched() -> None:
     assert all(satellite.peaks == 1 for satellite in found.satellites)
 
 
-def test_the_command_prints_one_document_or_one_screen(stored: tuple[Path, set[str]], capsys) -> None:
-    path, heard = stored
+def test_the_command_prints_one_document_or_one_screen(recording: tuple[Path, set[str]], capsys) -> None:
+    path, heard = recording
     assert cli.main(["inspect", str(path), *OPTIONS, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["format"] == "skyproof-inspect/1"
@@ -233,8 +233,8 @@ def test_the_command_prints_one_document_or_one_screen(stored: tuple[Path, set[s
     assert screen.count("\n") < 40
 
 
-def test_what_makes_no_sense_is_one_line(stored: tuple[Path, set[str]], tmp_path: Path) -> None:
-    path, _ = stored
+def test_what_makes_no_sense_is_one_line(recording: tuple[Path, set[str]], tmp_path: Path) -> None:
+    path, _ = recording
     with pytest.raises(SettingsError, match="bits = 7, expected 1, 2, 4"):
         inspect(path, layout={**LAYOUT, "bits": 7})
     with pytest.raises(SettingsError, match=r"rate_hz = 10\.0, .*\b1.*; encoding "):
@@ -252,9 +252,9 @@ def test_what_makes_no_sense_is_one_line(stored: tuple[Path, set[str]], tmp_path
 
 
 def test_options_override_a_sidecar_and_facts_name_their_source(
-    stored: tuple[Path, set[str]],
+    recording: tuple[Path, set[str]],
 ) -> None:
-    path, _ = stored
+    path, _ = recording
     sidecar = f"[samples]\nrate_hz = 4e6\nif_hz = 1.0\nkind = 'complex'\n{INT8}"
     path.with_suffix(".toml").write_text(sidecar, encoding="utf-8")
     (document,) = [item.document() for item in inspect(path, layout={"if_hz": 300e3})]
@@ -266,7 +266,7 @@ def test_options_override_a_sidecar_and_facts_name_their_source(
 
 
 def test_two_signals_of_a_satellite_are_two_peaks(tmp_path: Path) -> None:
-    samples, heard = sky(duration_s=0.06)
+    samples, heard = make_sky(duration_s=0.06)
     planes = samples.read(0, samples.n_samples)
     later = np.pad(planes, ((0, 0), (20, 0)))[:, : planes.shape[1]]  # 5 microseconds, 5.1 chips
     result = Samples(
@@ -281,8 +281,8 @@ def test_two_signals_of_a_satellite_are_two_peaks(tmp_path: Path) -> None:
     assert "than one" in found.summary
 
 
-def test_the_last_sentence_says_what_can_be_done_and_is_missing(stored: tuple[Path, set[str]]) -> None:
-    samples, _ = sky()
+def test_the_last_sentence_says_what_can_be_done_and_is_missing(recording: tuple[Path, set[str]]) -> None:
+    samples, _ = make_sky()
     short = inspect_samples(samples)
     assert "too short" in short.advice
     long = advise(replace(samples, n_samples=int(60 * 4e6)), short.satellites, gaps=0, mirrored=False)
@@ -298,10 +298,10 @@ def test_the_last_sentence_says_what_can_be_done_and_is_missing(stored: tuple[Pa
     )
 
 
-@pytest.mark.usefixtures("known")
+@pytest.mark.usefixtures("known_inspection")
 @pytest.mark.parametrize("width", [60, 80, 120])
-def test_the_screen_keeps_to_the_terminal(stored: tuple[Path, set[str]], width: int, capsys, monkeypatch) -> None:
-    path, heard = stored
+def test_the_screen_keeps_to_the_terminal(recording: tuple[Path, set[str]], width: int, capsys, monkeypatch) -> None:
+    path, heard = recording
     monkeypatch.setenv("COLUMNS", str(width))
     assert cli.main(["inspect", str(path), *OPTIONS]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -313,9 +313,9 @@ def test_the_screen_keeps_to_the_terminal(stored: tuple[Path, set[str]], width: 
         assert sum(line.startswith(word) for line in lines) == 1
 
 
-@pytest.mark.usefixtures("known")
-def test_pictures_are_written_where_asked_for(stored: tuple[Path, set[str]], tmp_path: Path, capsys) -> None:
-    path, heard = stored
+@pytest.mark.usefixtures("known_inspection")
+def test_pictures_are_written_where_asked_for(recording: tuple[Path, set[str]], tmp_path: Path, capsys) -> None:
+    path, heard = recording
     out = tmp_path / "pictures"
     assert cli.main(["inspect", str(path), *OPTIONS, "--plot", "--out", str(out)]) == 0
     assert {item.name for item in out.iterdir()} == {"rx-levels.svg", "rx-spectrum.svg", "rx-correlation.svg"}
@@ -332,15 +332,15 @@ def test_pictures_are_written_where_asked_for(stored: tuple[Path, set[str]], tmp
 
 
 def test_a_folder_for_pictures_that_cannot_be_made_is_reported(
-    stored: tuple[Path, set[str]], inspected: tuple[Inspection, ...]
+    recording: tuple[Path, set[str]], inspection: tuple[Inspection, ...]
 ) -> None:
-    path, _ = stored
+    path, _ = recording
     with pytest.raises(OutputError, match=r"rx\.bin/pictures: .*--out"):
-        write_pictures(inspected, path / "pictures")
+        write_pictures(inspection, path / "pictures")
 
 
-def test_a_notebook_shows_recording_and_satellites_escaped(stored: tuple[Path, set[str]]) -> None:
-    path, heard = stored
+def test_a_notebook_shows_recording_and_satellites_escaped(recording: tuple[Path, set[str]]) -> None:
+    path, heard = recording
     strange = path.rename(path.with_name("a<b>&c.bin"))
     (found,) = inspect(strange, layout=LAYOUT)
     result = found._repr_html_()
@@ -352,10 +352,10 @@ def test_a_notebook_shows_recording_and_satellites_escaped(stored: tuple[Path, s
 
 
 def test_earlier_results_are_shown_without_a_new_search(
-    stored: tuple[Path, set[str]], inspected: tuple[Inspection, ...], monkeypatch
+    recording: tuple[Path, set[str]], inspection: tuple[Inspection, ...], monkeypatch
 ) -> None:
-    path, _ = stored
-    (described,) = inspected
+    path, _ = recording
+    (described,) = inspection
     peaks = guess(path).proposals[0].peaks
     searched = []
     monkeypatch.setattr(

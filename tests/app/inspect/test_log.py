@@ -18,17 +18,17 @@ from skyproof.errors import InputError
 WEEK = 2300
 
 
-def signal(sv: int) -> tuple:
+def make_cell(sv: int) -> tuple:
     """Return a cell of RXM-RAWX of a GPS satellite on L1."""
     return (0, sv, 0, 0, 2.2e7, 1.1e8, 500.0, 64_000, 42, 7)
 
 
-def ubx_log(*further: bytes, epochs: int = 90, step_s: float = 1.0) -> bytes:
-    epoch = [rawx(100.0 + step_s * k, WEEK, [signal(sv) for sv in range(1, 7 - k % 2)]) for k in range(epochs)]
+def make_log(*further: bytes, epochs: int = 90, step_s: float = 1.0) -> bytes:
+    epoch = [rawx(100.0 + step_s * k, WEEK, [make_cell(sv) for sv in range(1, 7 - k % 2)]) for k in range(epochs)]
     return b"".join([*epoch, *further])
 
 
-def written(tmp_path: Path, content: bytes, name: str = "rover.ubx") -> Path:
+def write_content(tmp_path: Path, content: bytes, name: str = "rover.ubx") -> Path:
     path = tmp_path / name
     path.write_bytes(content)
     return path
@@ -41,7 +41,7 @@ def look(path: Path) -> LogInspection:
 
 
 def test_a_log_is_counted(tmp_path) -> None:
-    log = look(written(tmp_path, ubx_log()))
+    log = look(write_content(tmp_path, make_log()))
     assert (log.epochs, log.interval_s, log.gaps, log.duration_s) == (90, 1.0, 0, 89.0)
     assert [(s.system, s.band, s.satellites, s.most_at_once, s.cn0_dbhz) for s in log.signals] == [
         ("G", "L1", 6, 6, 42.0)
@@ -53,21 +53,21 @@ def test_a_log_is_counted(tmp_path) -> None:
 
 
 def test_damage_is_counted(tmp_path) -> None:
-    content = bytearray(ubx_log())
+    content = bytearray(make_log())
     content[30] ^= 0x40
-    log = look(written(tmp_path, bytes(content[:-3])))
+    log = look(write_content(tmp_path, bytes(content[:-3])))
     assert log.damaged_frames == 1
     assert log.cut
     assert log.epochs == 88
 
 
 def test_gaps_are_intervals_longer_than_two(tmp_path) -> None:
-    late = b"".join(rawx(300.0 + k, WEEK, [signal(5)]) for k in range(5))
-    assert look(written(tmp_path, ubx_log(late))).gaps == 1
+    late = b"".join(rawx(300.0 + k, WEEK, [make_cell(5)]) for k in range(5))
+    assert look(write_content(tmp_path, make_log(late))).gaps == 1
 
 
 def test_a_log_without_measurements_says_how_to_get_them(tmp_path) -> None:
-    path = written(tmp_path, ubx_frame(0x27, 0x09, bytes([2, 0b0011_1011, 0, 0])) * 4)
+    path = write_content(tmp_path, ubx_frame(0x27, 0x09, bytes([2, 0b0011_1011, 0, 0])) * 4)
     log = look(path)
     assert log.epochs == 0
     assert "CFG-MSGOUT-UBX_RXM_RAWX_USB = 1" in log.configuration[0]
@@ -76,21 +76,21 @@ def test_a_log_without_measurements_says_how_to_get_them(tmp_path) -> None:
 
 
 def test_sentences_alone_are_taken_for_their_fixes(tmp_path) -> None:
-    found = look(written(tmp_path, b"".join(gga(f"1200{k:02d}.00") for k in range(30)), "a.nmea"))
+    found = look(write_content(tmp_path, b"".join(gga(f"1200{k:02d}.00") for k in range(30)), "a.nmea"))
     assert (found.epochs, found.fixes, found.ranged) == (30, 30, False)
     assert "ranges" in found.advice
     assert "--nav" not in found.advice
 
 
 def test_the_document_is_json_of_numbers_that_are_there(tmp_path) -> None:
-    document = json.loads(write_document_json(inspect(written(tmp_path, ubx_log()))))
+    document = json.loads(write_document_json(inspect(write_content(tmp_path, make_log()))))
     assert document["format"] == "skyproof-inspect-log/1"
     assert document["receiver"] == {"fixes": 0, "levels": 0, "states": 0, "alarms": 0}
     assert document["missing"][0]["name"] == "RXM-SFRBX"
 
 
 def test_init_takes_a_log(tmp_path) -> None:
-    result = init([written(tmp_path, ubx_log())], out=tmp_path / "platform.toml")
+    result = init([write_content(tmp_path, make_log())], out=tmp_path / "platform.toml")
     text = result.path.read_text(encoding="utf-8")
     assert 'inputs = ["rover.ubx"]' in text
     assert "90 epochs" in text

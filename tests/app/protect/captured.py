@@ -12,8 +12,10 @@ CLOCK_S, DRIFT, NOISE_M = 3.1e-5, 2e-7, 0.3
 TOGETHER_S = 0.02
 
 
-def captured(own: Observations, other: Observations, row: int, *, rng: np.random.Generator) -> Observations:
-    """`own` with what `other` measured in the place of its own from epoch `row` on, by a clock and noise of its own.
+def capture_receiver(own: Observations, other: Observations, row: int, *, rng: np.random.Generator) -> Observations:
+    """Replace what `own` measured from epoch `row` on by what `other` did. Signals that `other` does not have are
+    lost. Clock and noise are those of `other`. Each measurement is moved to the instant at which `own` measures:
+    its label minus its clock.
 
     Signals that `other` does not have are lost. Each measurement is moved to the instant at which `own` measures, which
     its label less the clock says.

@@ -32,7 +32,7 @@ NAVIGATION = make_nominal_constellation(START)
 WAVE_M_S = 299_792_458.0
 
 
-def led_away(
+def make_takeover(
     *,
     onset_s: float = 35.0,
     duration_s: float = 110.0,
@@ -46,7 +46,7 @@ def led_away(
     carrier: str = "follows",
     **receiver: object,
 ) -> Scene:
-    """A receiver whose signals are taken over at the onset, aligned, and drawn off from 3 s later on to the end."""
+    """Make a receiver whose signals are taken over at the onset, aligned, and dragged off 3 s later."""
     own = PLACES[0].model_dump(exclude_unset=True) | {"lo_ppm": 0.4, "oscillator": oscillator} | receiver
     begin_s, long_s = onset_s + 3.0, duration_s - onset_s - 3.0
     far_m, late_s = speed_m_s * long_s, clock_m_s / WAVE_M_S * long_s
@@ -72,8 +72,8 @@ def led_away(
     return make_scene(scenario, NAVIGATION)
 
 
-def nothing_found(windows: Sequence[Records], signals: Sequence[SignalId]) -> list[Finding]:
-    """Evidence of no detector in particular that every window is clean."""
+def find_nothing(windows: Sequence[Records], signals: Sequence[SignalId]) -> list[Finding]:
+    """Return findings that call every window clean, of no detector in particular."""
     return [
         finding_from_evidence(
             Evidence(
@@ -107,7 +107,7 @@ class Judged:
     wrong_sky: bool | None
 
 
-def judged(scene: Scene, settings: Settings, *, seed: int = 1, code_m: float = 0.5, **judging: object) -> Judged:
+def judge_scene(scene: Scene, settings: Settings, *, seed: int = 1, code_m: float = 0.5, **judging: object) -> Judged:
     noise = ChannelNoise(code_m=code_m)
     (heard,) = model_receptions(scene, noise, rng=np.random.default_rng(seed))
     outcome, _ = judge([heard.reception], scene.navigation, settings, Silent(), **judging)
@@ -140,12 +140,12 @@ def judged(scene: Scene, settings: Settings, *, seed: int = 1, code_m: float = 0
         np.concatenate(kind or empty),
         np.concatenate(at_s or empty),
         bool(faults),
-        _wrong_sky(heard, outcome),
+        _has_wrong_sky(heard, outcome),
     )
 
 
-def inertia_of(scene: Scene, settings: Settings, grade: str, *, attitude_deg: float | None = 1.0, seed: int = 1):
-    """What is to be expected by the scene's unit, whose attitude at the first reading is stated with this error."""
+def make_inertia(scene: Scene, settings: Settings, grade: str, *, attitude_deg: float | None = 1.0, seed: int = 1):
+    """Make the inertial prediction of the scene's unit, whose first attitude is stated with this error."""
     unit = simulate_imus(scene)["bow"]
     readings = unit.read(0, unit.n_samples)
     true = scene.trajectories["bow"].at(np.zeros(1))
@@ -163,7 +163,7 @@ def inertia_of(scene: Scene, settings: Settings, grade: str, *, attitude_deg: fl
     return build_predictors(["bow"], settings, unit=own)
 
 
-def _wrong_sky(heard, outcome: Outcome) -> bool | None:
+def _has_wrong_sky(heard, outcome: Outcome) -> bool | None:
     first = next((e for e in outcome.evidence if e.detector == "prediction" and e.code in CHOSEN), None)
     if first is None:
         return None
@@ -173,6 +173,6 @@ def _wrong_sky(heard, outcome: Outcome) -> bool | None:
     return bool(np.nanmean(shares > 0.5) > 0.5)
 
 
-def choice_of(found: Judged):
-    """The evidence that first chose; None where nothing did."""
+def find_choice(found: Judged):
+    """Return the finding that chose first, None where none did."""
     return next((e for e in found.outcome.evidence if e.detector == "prediction" and e.code in CHOSEN), None)

@@ -17,15 +17,15 @@ FROM_DEG = 160.0, 55.0
 
 
 @pytest.fixture(scope="module")
-def measured():
-    """Measurements of the scene, the label of each signal, and the orbits."""
+def measurements():
+    """Simulate the scene: its measurements, the label of each signal, and the orbits."""
     scene = make_scene(read_ready_made("spin"), make_navigation(read_ready_made("spin")))
     (observations,), labels = draw(make_ideal_measurements(scene, interval_s=0.1), rng=np.random.default_rng(3))
     return observations, {ref.signal: label for ref, label in labels.items()}, scene
 
 
-def judged(measured, folder, *, attacked=True, rate_hz=-0.25, rate_sigma_hz=0.0):
-    """What the strongest signal of each satellite comes to, or the true one."""
+def judge_signals(measured, folder, *, attacked=True, rate_hz=-0.25, rate_sigma_hz=0.0):
+    """Run the command on the strongest signal of each satellite, or on the true one."""
     o, labels, scene = measured
     wanted = {}
     for signal in o.signals:
@@ -48,8 +48,8 @@ CASES = {"as stated": {}, "rate wrong by 1 %": {"rate_hz": -0.2475, "rate_sigma_
 
 @pytest.mark.long
 @pytest.mark.parametrize("stated", CASES.values(), ids=CASES.keys())
-def test_rinex_ten_times_a_second_says_what_samples_say(measured, tmp_path, stated):
-    result, said, false = judged(measured, tmp_path, **stated)
+def test_rinex_ten_times_a_second_says_what_samples_say(measurements, tmp_path, stated):
+    result, said, false = judge_signals(measurements, tmp_path, **stated)
     assert false == {"G01", "G02"}
     assert result.verdict.verdict == "spoofed"
     assert {sat for sat, label in said.items() if label == "spoofed"} == false
@@ -70,8 +70,8 @@ def test_rinex_ten_times_a_second_says_what_samples_say(measured, tmp_path, stat
 
 @pytest.mark.long
 @pytest.mark.parametrize("stated", CASES.values(), ids=CASES.keys())
-def test_no_true_signal_of_the_arm_is_called_false(measured, tmp_path, stated):
-    result, said, false = judged(measured, tmp_path, attacked=False, **stated)
+def test_no_true_signal_of_the_arm_is_called_false(measurements, tmp_path, stated):
+    result, said, false = judge_signals(measurements, tmp_path, attacked=False, **stated)
     assert not false
     assert result.verdict.verdict != "spoofed"
     assert "spoofed" not in said.values()

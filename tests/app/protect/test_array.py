@@ -22,8 +22,8 @@ from skyproof.simulator.scenario import Sky
 from skyproof.statistics.directions import equal_statistic
 
 
-def described(folder: Path, inputs, **receiver) -> Path:
-    """A platform file of the array."""
+def write_platform(folder: Path, inputs, **receiver) -> Path:
+    """Write a platform file of the array."""
     places_m = [list(place) for place in kit.ELEMENTS_M]
     table = {"name": "array", "inputs": [str(path) for path in inputs], "antennas_m": places_m, **receiver}
     path = folder / "platform.toml"
@@ -31,24 +31,24 @@ def described(folder: Path, inputs, **receiver) -> Path:
     return path
 
 
-def said_by(result, detector):
+def list_evidence(result, detector):
     return [e for e in result.outcome.evidence if e.detector == detector]
 
 
-def spoofer(**given):
-    """A transmitter 100 m off, which shows another place."""
+def make_spoofer(**given):
+    """Make a transmitter 100 m off that shows another place."""
     shows, transmit = kit.ELSEWHERE.model_dump(), kit.TRANSMIT.model_dump()
     return {"kind": "spoofer", "shows": shows, "transmit": transmit, "power_db": 3.0, "clock_offset_s": 3e-6, **given}
 
 
 @pytest.mark.long
 def test_a_clean_sky_comes_from_several_directions(array_files, tmp_path):
-    result = protect(platform=described(tmp_path, [array_files.sigmf]), nav=array_files.nav)
-    (said,) = said_by(result, "array_common")
+    result = protect(platform=write_platform(tmp_path, [array_files.sigmf]), nav=array_files.nav)
+    (said,) = list_evidence(result, "array_common")
     assert (said.says, {ref.receiver for ref in said.signals}) == ("authentic", {"array"})
     assert len(said.signals) > 7
     assert explain(said).assumptions[0] in result.verdict.assumed
-    (said,) = said_by(result, "ins_array")  # by the attitude and the lines that the sky itself shows
+    (said,) = list_evidence(result, "ins_array")  # by the attitude and the lines that the sky itself shows
     assert (said.says, {ref.receiver for ref in said.signals}) == ("authentic", {"array"})
     assert len(said.signals) > 7
     assert explain(said).assumptions[0] in result.verdict.assumed
@@ -57,7 +57,7 @@ def test_a_clean_sky_comes_from_several_directions(array_files, tmp_path):
 
 @pytest.mark.long
 def test_other_antennas_than_the_inputs_have_are_refused(array_files, tmp_path):
-    three = described(tmp_path, [array_files.woven], antennas_m=[list(place) for place in kit.ELEMENTS_M[:3]])
+    three = write_platform(tmp_path, [array_files.woven], antennas_m=[list(place) for place in kit.ELEMENTS_M[:3]])
     with pytest.raises(SettingsError, match=r"antennas_m .*\barray .*\b3 antennas\b.* 4"):
         protect(platform=three, nav=array_files.nav)
 
@@ -85,10 +85,10 @@ def test_an_antenna_that_fails_is_left_out_and_reported(array_files, tmp_path, f
     iq[:, 1] = np.clip(failed(iq[:, 1].astype(float), np.random.default_rng(1)), -127, 127)
     iq.tofile(tmp_path / "woven.bin")
     (tmp_path / "woven.toml").write_text(array_files.woven.with_suffix(".toml").read_text())
-    result = protect(platform=described(tmp_path, [tmp_path / "woven.bin"]), nav=array_files.nav)
+    result = protect(platform=write_platform(tmp_path, [tmp_path / "woven.bin"]), nav=array_files.nav)
     labels = {signal.label for signal in result.verdict.signals}
     assert "spoofed" not in labels
-    (said,) = said_by(result, "array_common")
+    (said,) = list_evidence(result, "array_common")
     assert said.says == "authentic"
     assert len(said.signals) > 7
     left_out = [(e.code, *e.data["antennas"]) for e in result.outcome.evidence if "antennas" in e.data]
@@ -103,19 +103,19 @@ def test_a_late_first_antenna_does_not_stand_for_the_receiver(array_files, tmp_p
     iq[:, 0] = np.roll(iq[:, 0], -LATE_SAMPLES, axis=0)
     iq.tofile(tmp_path / "woven.bin")
     (tmp_path / "woven.toml").write_text(array_files.woven.with_suffix(".toml").read_text())
-    result = protect(platform=described(tmp_path, [tmp_path / "woven.bin"]), nav=array_files.nav)
+    result = protect(platform=write_platform(tmp_path, [tmp_path / "woven.bin"]), nav=array_files.nav)
     assert result.verdict.verdict == "authentic"
     assert re.search(r"\bantenna 1 .*\b12\.5 ms after .*2\b", " ".join(result.verdict.inputs[0].all_remarks))
 
 
 @pytest.mark.long
 def test_false_signals_of_a_transmitter_are_named_no_true_one(tmp_path):
-    clean = kit.record(kit.array_scenario(duration_s=34.0, seed=3), tmp_path / "clean")
-    result = protect(platform=described(tmp_path, clean.paths), nav=clean.nav)
+    clean = kit.record(kit.make_array_scenario(duration_s=34.0, seed=3), tmp_path / "clean")
+    result = protect(platform=write_platform(tmp_path, clean.paths), nav=clean.nav)
     assert result.verdict.verdict == "authentic"
-    scenario = kit.array_scenario(duration_s=34.0, seed=3, attacks=(spoofer(onset_s=8.0),))
+    scenario = kit.make_array_scenario(duration_s=34.0, seed=3, attacks=(make_spoofer(onset_s=8.0),))
     attacked = kit.record(scenario, tmp_path / "attacked")
-    result = protect(platform=described(tmp_path, attacked.paths), nav=attacked.nav)
+    result = protect(platform=write_platform(tmp_path, attacked.paths), nav=attacked.nav)
     assert result.verdict.verdict == "spoofed"
     labels = {label.ref.signal: label.label for label in result.outcome.decision.labels}
     # The attitude that the sky itself shows vouches for those that come from where their satellites stand.
@@ -129,7 +129,7 @@ def test_false_signals_of_a_transmitter_are_named_no_true_one(tmp_path):
 def test_false_signals_of_one_transmitter_are_equal_within_noise(tmp_path):
     # Weak: the transmitter's other codes are noise of one direction too, which antennas share; their phases then differ
     # by less than the noise of each (statistic over its mean: 0.94 at -3 dB, 0.83 at +3 dB, 0.53 at +10 dB).
-    scenario = kit.array_scenario(duration_s=40.0, seed=7, attacks=(spoofer(onset_s=-1.0, power_db=-3.0),))
+    scenario = kit.make_array_scenario(duration_s=40.0, seed=7, attacks=(make_spoofer(onset_s=-1.0, power_db=-3.0),))
     alone = scenario.model_copy(update={"sky": Sky(zenith_cn0_dbhz=41.0, horizon_cn0_dbhz=39.0, until_s=-0.5)})
     recorded = kit.record(alone, tmp_path)
     (source,) = open_inputs([tuple(recorded.paths)], Settings(), None, ["array"])

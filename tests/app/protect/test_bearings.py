@@ -20,8 +20,8 @@ REFS = tuple(SignalRef("array", SignalId(sat, copy="b")) for sat in ("G01", "G07
 SOURCE = FalseSource(name="S1", signals=REFS, one_antenna=True)
 
 
-def moved(speed_m_s, seconds=200):
-    """A track to the east."""
+def make_track(speed_m_s, seconds=200):
+    """Make a track to the east."""
     gpst = START + np.arange(seconds) * np.timedelta64(1, "s")
     places = HERE_M + np.outer(speed_m_s * np.arange(seconds), TURN[0])
     last = Fix(
@@ -39,8 +39,8 @@ def moved(speed_m_s, seconds=200):
     return Track(gpst=gpst, position_ecef_m=places, clock_bias_s=np.zeros(seconds), last=last)
 
 
-def seen(track, rng, *, several=False):
-    """What is said in windows of ten seconds."""
+def examine_track(track, rng, *, several=False):
+    """Examine a track in windows of ten seconds."""
     said = []
     for first in range(0, track.gpst.size, 10):
         east, north, up = TURN @ (TARGET_M - track.position_ecef_m[min(first + 5, track.gpst.size - 1)])
@@ -68,8 +68,8 @@ def seen(track, rng, *, several=False):
 
 
 def test_rays_of_a_receiver_that_moves_meet_at_the_transmitter():
-    track = moved(12.0)
-    (bearing,) = find_bearings((SOURCE,), seen(track, np.random.default_rng(1)), {"array": track})
+    track = make_track(12.0)
+    (bearing,) = find_bearings((SOURCE,), examine_track(track, np.random.default_rng(1)), {"array": track})
     error_m = bearing.meets.position_ecef_m - TARGET_M
     assert error_m @ np.linalg.solve(bearing.meets.covariance_m2, error_m) < 11.3  # 1 % of three degrees
     major_m, minor_m, azimuth_deg = ellipse_95(bearing.meets)
@@ -87,15 +87,15 @@ def test_rays_of_a_receiver_that_moves_meet_at_the_transmitter():
 
 
 def test_a_receiver_that_stands_has_a_ray_and_no_place():
-    track = moved(0.0)
-    (bearing,) = find_bearings((SOURCE,), seen(track, np.random.default_rng(2)), {"array": track})
+    track = make_track(0.0)
+    (bearing,) = find_bearings((SOURCE,), examine_track(track, np.random.default_rng(2)), {"array": track})
     assert bearing.meets is None
     assert bearing.ring() is None
     assert list(bearing.last) == ["array"]
 
 
 def test_open_directions_and_places_without_trust_have_no_ray():
-    track = moved(12.0)
+    track = make_track(12.0)
     rng = np.random.default_rng(3)
-    assert list(find_bearings((SOURCE,), seen(track, rng, several=True), {"array": track})) == []
-    assert list(find_bearings((SOURCE,), seen(track, rng), {})) == []
+    assert list(find_bearings((SOURCE,), examine_track(track, rng, several=True), {"array": track})) == []
+    assert list(find_bearings((SOURCE,), examine_track(track, rng), {})) == []

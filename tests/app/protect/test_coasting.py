@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import special
-from tests.app.protect.test_positions import RECORDS, WHOLE, decision
+from tests.app.protect.test_positions import RECORDS, WHOLE, make_decision
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect.coasting import Flown, coast, step, usable_fixes
@@ -20,7 +20,7 @@ LABELS = np.datetime64("2022-01-01T21:45:58", "ns") + np.arange(12) * np.timedel
 
 
 def fix_at(good) -> Fix:
-    """Each epoch with a position of its own."""
+    """Make fixes, each epoch at a position of its own."""
     n = len(good)
     return Fix(
         receiver="rx1",
@@ -69,7 +69,7 @@ def test_pieces_give_what_the_whole_gives(good, cut):
 @pytest.mark.parametrize("speed_m_s", [0.0, None])
 def test_a_run_goes_on_where_its_receiver_stands_and_only_there(speed_m_s):
     settings = Settings(smoothing_s=20.0, speed_max_m_s=speed_m_s)
-    positions = set_up_positions(WHOLE, decision(), RECORDS.navigation, settings)
+    positions = set_up_positions(WHOLE, make_decision(), RECORDS.navigation, settings)
     found = list(usable_fixes(positions))
     trusted = [fix for kind, fix in found if kind == "trusted"]
     carried = [fix for kind, fix in found if kind == "held"]
@@ -89,11 +89,11 @@ class Heard:
     def __init__(self):
         self.told = []
 
-    def learned(self, shown):
+    def learn(self, shown):
         self.told += [("learned", item.gpst) for item in shown.each]
         return self
 
-    def followed(self, shown):
+    def follow(self, shown):
         self.told += [("followed", item.gpst) for item in shown.each]
         return self
 

@@ -34,7 +34,7 @@ class Found:
     level_m: np.ndarray
 
 
-def found_in(heard, made):
+def list_found(heard, made):
     stands = made.drawn.motion == "still"
     outcome, _ = judge([heard.reception], made.navigation, Settings(speed_max_m_s=0.0 if stands else None), Silent())
     positions = outcome.receivers[0].positions
@@ -49,14 +49,14 @@ def found_in(heard, made):
     return Found(outcome.decision.verdict, sizes, *np.concatenate(parts, axis=1))
 
 
-def heard_in(made):
+def list_heard(made):
     drawn = made.drawn
     noise = ChannelNoise(code_m=drawn.code_sigma_m, ar1=drawn.ar1, constant_m=drawn.constant_m, field=drawn.field)
     return model_receptions(made.scene, noise, rng=np.random.default_rng(drawn.seed))[0]
 
 
-def attacked(heard, made, rng, kind, size):
-    """Codes, or codes and carriers, are dragged off from some moment on, or codes jump while all carriers break."""
+def attack(heard, made, rng, kind, size):
+    """Drag codes off, with or without their carriers, or let codes jump while all carriers break."""
     o = heard.reception.observations
     direction = rng.normal(size=3)
     direction *= size / np.linalg.norm(direction)
@@ -85,8 +85,8 @@ def test_fixes_stay_in_their_bound_and_attacks_in_the_hidden_one(draws):
         made = build_scene(draw_scene(f"clean-{number}", most_receivers=2))
         if made is None:
             continue
-        heard = heard_in(made)
-        clean = found_in(heard, made)
+        heard = list_heard(made)
+        clean = list_found(heard, made)
         if not clean.off_m.size:
             assert clean.word != "no_attack_seen"
             continue
@@ -98,7 +98,7 @@ def test_fixes_stay_in_their_bound_and_attacks_in_the_hidden_one(draws):
         if made.drawn.motion != "still":
             assert np.isnan(clean.hidden_m).all()  # carriers may drag it as it may move
             continue
-        found = found_in(attacked(heard, made, rng, kind, share * clean.sizes[kind]), made)
+        found = list_found(attack(heard, made, rng, kind, share * clean.sizes[kind]), made)
         count["attacked"] += 1
         count["moved"] += int((found.off_m > found.bound_m).any())
         count["over hidden"] += int((found.off_m > found.bound_m + found.hidden_m).any())

@@ -28,7 +28,7 @@ def elements_off(found: Equipped) -> Equipped:
     return found.with_first({"antennas_m": off})
 
 
-def stating(key: str, **values: object):
+def state_otherwise(key: str, **values: object):
     return lambda found: found.stating(**{key: dict(found.stated.get(key, {})) | values})
 
 
@@ -50,8 +50,8 @@ def imu_of_another_day(platform: Path) -> None:
     file.write_text(file.read_text().replace("2024-05-14", "2024-05-12"))
 
 
-def samples_missing(platform: Path) -> None:
-    """A third of a second of the second receiver's."""
+def drop_samples(platform: Path) -> None:
+    """Remove a third of a second from the second receiver's samples."""
     file = next(path for path in platform.parent.glob("*.bin") if "east" in path.name)
     samples = np.fromfile(file, np.int8)
     cut = samples.size // 2 // 2 * 2
@@ -64,14 +64,15 @@ WRONG = {
     "attitude": (None, heading_off, "the one that the signals of rx1 show, and is not used: check [attitude] or [imu]"),
     "inertial unit stops": (None, imu_stops, "not there all the time"),
     "inertial unit of another day": (None, imu_of_another_day, "not used: it is of 2024-05-12"),
-    "samples missing": (None, samples_missing, "samples are missing near 13.1 s"),
+    "samples missing": (None, drop_samples, "samples are missing near 13.1 s"),
 }
 
 
-def made(name, folder, stated=None, **attack):
-    """A scene as somebody with everything records it, and who states something else if `stated` says what.
+def record_scene(name, folder, stated=None, **attack):
+    """Record a scene that is described in full. attack : changes the scene. stated : changes its description.
 
-    attack : what is changed about it."""
+    attack : what is changed about it.
+    """
     scenario = read_ready_made(name)
     attacks = tuple(one.model_copy(update=attack) for one in scenario.attacks)
     found = equip(scenario.model_copy(update={**CHANGES, "attacks": attacks}), "everything")
@@ -82,7 +83,7 @@ def made(name, folder, stated=None, **attack):
 @pytest.mark.parametrize("name", ["clean", "starts-spoofed"])
 @pytest.mark.parametrize(("stated", "files", "told"), WRONG.values(), ids=WRONG)
 def test_what_is_not_as_stated_is_told_and_makes_no_wrong_word(name, stated, files, told, tmp_path):
-    scene, platform = made(name, tmp_path, stated)
+    scene, platform = record_scene(name, tmp_path, stated)
     if files is not None:
         files(platform)
     result = protect(nav=tmp_path / "broadcast.rnx", platform=platform, out=tmp_path / "out")
@@ -97,7 +98,7 @@ def test_what_is_not_as_stated_is_told_and_makes_no_wrong_word(name, stated, fil
 
 def test_one_transmitter_alone_does_not_show_where_antennas_are(tmp_path):
     # Its noise drowns the true ones. No test can: an antenna elsewhere with another line has the same phases.
-    scene, platform = made("starts-spoofed", tmp_path, elements_off, power_db=20.0, noise_db=15.0)
+    scene, platform = record_scene("starts-spoofed", tmp_path, elements_off, power_db=20.0, noise_db=15.0)
     result = protect(nav=tmp_path / "broadcast.rnx", platform=platform, out=tmp_path / "out")
     row = score(scene, result.verdict, result.outcome)
     assert (row["wrong_labels"], row["wrong_fixes"]) == (0, 0)
@@ -108,6 +109,6 @@ def test_one_transmitter_alone_does_not_show_where_antennas_are(tmp_path):
 
 
 def test_axes_that_gravity_contradicts_are_refused(tmp_path):
-    _, platform = made("clean", tmp_path, stating("imu", axes="flu"))
+    _, platform = record_scene("clean", tmp_path, state_otherwise("imu", axes="flu"))
     with pytest.raises(SettingsError, match=r"\b180 degrees\b.*\[imu\]"):
         protect(nav=tmp_path / "broadcast.rnx", platform=platform, out=tmp_path / "out")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.app.protect.captured import captured
+from tests.app.protect.captured import capture_receiver
 
 from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
@@ -54,8 +54,8 @@ CELLS += ("doppler_sigma_hz", "status", "half_cycle_open")
 CHANNELS = ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
 
 
-def false_sky(observations, navigation, place_ecef_m):
-    """What a receiver measured, as it would be elsewhere, later and stronger."""
+def make_false_sky(observations, navigation, place_ecef_m):
+    """Move what a receiver measured to another place, later and stronger."""
     lat_rad, lon_rad, _ = geodetic_from_ecef(place_ecef_m)
     there_ecef_m = place_ecef_m + np.array(SHOWN_ENU_M) @ rot_enu_ecef(lat_rad, lon_rad)
     moved_m = np.zeros(observations.pseudorange_m.shape)
@@ -74,16 +74,16 @@ def false_sky(observations, navigation, place_ecef_m):
     )
 
 
-def of_kind(observations):
-    """The signals of one kind alone."""
+def select_kind(observations):
+    """Select the signals of one kind."""
     columns = [k for k, s in enumerate(observations.signals) if s.kind == KIND]
     cells = {n: getattr(observations, n)[:, columns] for n in CELLS}
     channels = {n: getattr(observations, n)[columns] for n in CHANNELS}
     return replace(observations, signals=tuple(observations.signals[k] for k in columns), **cells, **channels)
 
 
-def beside(observations, false, sats):
-    """A receiver's signals, and a false one of each of these satellites."""
+def add_false_signals(observations, false, sats):
+    """Add a false signal of each of these satellites to a receiver's signals."""
     columns = [k for k, s in enumerate(observations.signals) if s.sat in sats and s.kind == KIND]
     names = tuple(replace(observations.signals[k], copy="b") for k in columns)
     cells = {n: np.concatenate([getattr(observations, n), getattr(false, n)[:, columns]], axis=1) for n in CELLS}
@@ -100,7 +100,7 @@ def test_copies_of_one_antenna_are_named_and_nothing_else_is(shared_data, name, 
     opened = (open_observations(path / f, get_glonass_channels(navigation), duration_s=duration_s) for f in files)
     logs = [observe_file(item).observations for item in opened]
     base, rover = (
-        replace(of_kind(log.read(0, log.gpst.size)), receiver=receiver)
+        replace(select_kind(log.read(0, log.gpst.size)), receiver=receiver)
         for log, receiver in zip(logs, PLACES, strict=True)
     )
     whole = [
@@ -112,8 +112,11 @@ def test_copies_of_one_antenna_are_named_and_nothing_else_is(shared_data, name, 
         for o in (base, rover)
     ]
     sats = sorted(whole[0] & whole[1])[:count]
-    sky = false_sky(base, navigation, place_ecef_m)
-    both = (beside(base, sky, sats), beside(rover, captured(rover, sky, 0, rng=rng), sats))
+    sky = make_false_sky(base, navigation, place_ecef_m)
+    both = (
+        add_false_signals(base, sky, sats),
+        add_false_signals(rover, capture_receiver(rover, sky, 0, rng=rng), sats),
+    )
     settings = widen_windows(Settings(**given), both)
     windows = windows_of([WholeSource(o) for o in both], navigation, settings)
     (detector,) = (d for d in instantiate_detectors(settings, windows.run) if d.name == "multi_receiver")

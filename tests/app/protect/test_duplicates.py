@@ -25,7 +25,7 @@ FAR = Settings(antenna_separation_m=50.0)
 
 @pytest.mark.long
 def test_a_copy_that_begins_later_is_one_receiver_and_no_attack(tmp_path):
-    recorded = kit.record(kit.scenario_of(receivers=1, duration_s=DURATION_S), tmp_path)
+    recorded = kit.record(kit.make_scenario(receivers=1, duration_s=DURATION_S), tmp_path)
     (original,) = recorded.paths
     copy = tmp_path / "copy.bin"
     copy.write_bytes(original.read_bytes()[round(2.6e6) * 2 // 8 :])  # one bit for I and for Q
@@ -44,15 +44,15 @@ class Pair:
     """A clean pair of receivers in memory, with a hand to make copies of the first one."""
 
     def __init__(self, front_end):
-        scenario = kit.scenario_of(duration_s=DURATION_S, front_end=front_end)
+        scenario = kit.make_scenario(duration_s=DURATION_S, front_end=front_end)
         self.navigation = make_nominal_constellation(scenario.start_gpst)
         self.rng = np.random.default_rng(1)
         first, second = render_samples(scenario, self.navigation)
         self.planes = [s.read(0, s.n_samples) for s in (first, second)]
         self.samples = [first, second]
 
-    def heard(self, planes, *, name="copy", rate_hz=None):
-        """The reception of samples that are described as the first receiver's."""
+    def receive(self, planes, *, name="copy", rate_hz=None):
+        """Make the reception of samples that are described as those of the first receiver."""
         samples = replace(
             self.samples[0],
             name=name,
@@ -66,18 +66,18 @@ class Pair:
     def noise(self, n):
         return (self.rng.normal(size=n) + 1j * self.rng.normal(size=n)).astype(np.complex64)
 
-    def spoofed(self, *receptions):
-        """The verdicts without and with the test of noise."""
+    def judge(self, *receptions):
+        """Return the verdicts without and with the test of noise."""
         taken = leave_out_duplicates(receptions, FAR)
         return [judge(list(some), self.navigation, FAR, Silent())[0].decision.verdict for some in (receptions, taken)]
 
 
-def planes_of(wave):
+def quantize_planes(wave):
     return np.stack([wave.real, wave.imag]).astype(np.float32)
 
 
-def clocked(wave, faster, rate_hz, carrier_hz=1575.42e6):
-    """What a receiver samples and mixes down whose oscillator is too slow by the share `faster`."""
+def record_slow_clock(wave, faster, rate_hz, carrier_hz=1575.42e6):
+    """Sample and mix down a wave by an oscillator that is slow by the share `faster`."""
     half, block = 12, 2600
     out = np.empty(wave.size - 100, np.complex64)
     padded = np.concatenate([np.zeros(100, np.complex64), wave, np.zeros(100, np.complex64)])
@@ -95,21 +95,21 @@ def clocked(wave, faster, rate_hz, carrier_hz=1575.42e6):
 def test_changed_copies_are_found_and_other_antennas_are_none():
     pair = Pair(FrontEnd())
     whole = pair.planes[0]
-    original = pair.heard(whole, name="original")
+    original = pair.receive(whole, name="original")
 
     def flipped(share):
         return np.where(pair.rng.random(whole.shape) < share, -whole, whole).astype(np.float32)
 
     copies = [whole[:, 2600:], whole[:, 2_600_000:], whole[:, 3:], flipped(0.01), flipped(0.2), 0.37 * whole]
     for planes in copies:
-        copy = pair.heard(planes)
-        assert pair.spoofed(original, copy) == ["spoofed", "no_attack_seen"]
+        copy = pair.receive(planes)
+        assert pair.judge(original, copy) == ["spoofed", "no_attack_seen"]
         found = find_shared_noise(original, copy, alpha=1e-6, code_sigma_m=1.0)
         assert found is not None
         assert found.coefficient > 0.5
-    other = pair.heard(pair.planes[1])
+    other = pair.receive(pair.planes[1])
     assert find_shared_noise(original, other, alpha=0.1, code_sigma_m=1.0) is None
-    assert pair.spoofed(original, other) == ["no_attack_seen", "no_attack_seen"]  # nothing is given of the antennas
+    assert pair.judge(original, other) == ["no_attack_seen", "no_attack_seen"]  # nothing is given of the antennas
 
 
 @pytest.mark.long
@@ -117,12 +117,12 @@ def test_receivers_of_any_clock_and_rate_on_one_antenna_are_one():
     pair = Pair(FrontEnd(encoding="float", bits=32))
     antenna = (pair.planes[0][0] + 1j * pair.planes[0][1]).astype(np.complex64)
     own = np.float32(np.sqrt(0.1))
-    original = pair.heard(np.sign(planes_of(antenna + own * pair.noise(antenna.size))), name="original")
-    slow = clocked(antenna, 0.7e-6, 2.6e6)
-    fast = clocked(filters.resample_poly(antenna, 20, 13).astype(np.complex64), -0.9e-6, 4e6)
+    original = pair.receive(np.sign(quantize_planes(antenna + own * pair.noise(antenna.size))), name="original")
+    slow = record_slow_clock(antenna, 0.7e-6, 2.6e6)
+    fast = record_slow_clock(filters.resample_poly(antenna, 20, 13).astype(np.complex64), -0.9e-6, 4e6)
     for wave, rate_hz in ((slow, 2.6e6), (fast, 4e6)):
-        second = pair.heard(planes_of(wave + own * pair.noise(wave.size)), rate_hz=rate_hz)
-        assert pair.spoofed(original, second) == ["spoofed", "no_attack_seen"]
+        second = pair.receive(quantize_planes(wave + own * pair.noise(wave.size)), rate_hz=rate_hz)
+        assert pair.judge(original, second) == ["spoofed", "no_attack_seen"]
 
 
 @pytest.mark.long
@@ -130,7 +130,7 @@ def test_a_jammer_that_two_antennas_hear_does_not_make_them_one():
     # Its noise is four times the receivers' own; but the satellites' signals are not as late as it is.
     pair = Pair(FrontEnd(encoding="float", bits=32))
     first, second = ((planes[0] + 1j * planes[1]).astype(np.complex64) for planes in pair.planes)
-    plain = pair.heard(planes_of(first)).observations, pair.heard(planes_of(second)).observations
+    plain = pair.receive(quantize_planes(first)).observations, pair.receive(quantize_planes(second)).observations
     sat = plain[0].signals.index(plain[1].signals[0])
     # Of one satellite: when the second receiver hears what the first does, and how much higher.
     sent = [
@@ -142,11 +142,14 @@ def test_a_jammer_that_two_antennas_hear_does_not_make_them_one():
     slope, offset_s = np.polyfit(plain[0].elapsed_s[present[0]], later_s - plain[0].elapsed_s[present[0]], 1)
     higher_hz = float(np.nanmedian(plain[1].doppler_hz[:, 0]) - np.nanmedian(plain[0].doppler_hz[:, sat]))
     jammer = 2.0 * pair.noise(first.size + 1000)
-    there_too = clocked(jammer, -slope, 2.6e6, 0.0)[: first.size]
+    there_too = record_slow_clock(jammer, -slope, 2.6e6, 0.0)[: first.size]
     shift = round(offset_s * 2.6e6)
     there_too = np.roll(there_too, shift)
     there_too = there_too * np.exp(2j * np.pi * np.mod(higher_hz / 2.6e6 * np.arange(first.size), 1.0))
-    heard = pair.heard(planes_of(first + jammer[: first.size])), pair.heard(planes_of(second + there_too))
+    heard = (
+        pair.receive(quantize_planes(first + jammer[: first.size])),
+        pair.receive(quantize_planes(second + there_too)),
+    )
     assert find_shared_noise(*heard, alpha=1e-3, code_sigma_m=100.0) is not None  # but for the ranges they would be one
     assert find_shared_noise(*heard, alpha=1e-3, code_sigma_m=1.0) is None
 

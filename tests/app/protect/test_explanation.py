@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.app.test_shown import NOBODY, samples
+from tests.app.test_shown import NOBODY, describe_samples
 
 from skyproof.app.protect.explanation import describe_unexplained, explain_word, why_untested
 from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
@@ -17,7 +17,7 @@ START = np.datetime64("2024-05-14T10:00:00", "ns")
 ODD = Unexplained(ref=SignalRef("bow", SignalId("G05", copy="b")), kind="rival", cn0_dbhz=44.0, over_db=3.0)
 
 
-def outcome(reception: Reception, finding: Finding | None = None) -> Outcome:
+def make_outcome(reception: Reception, finding: Finding | None = None) -> Outcome:
     suspicion = Suspicion(receivers=("bow",), onset=None, finding=finding, may_also_be=("fault",))
     decision = Decision(
         verdict="suspect",
@@ -35,9 +35,9 @@ def outcome(reception: Reception, finding: Finding | None = None) -> Outcome:
     return Outcome(receivers=(receiver,), decision=decision, evidence=evidence, sets=(), navigation=NOBODY)
 
 
-def received(remarks: tuple[str, ...] = (), left_out: str | None = None) -> Reception:
+def make_reception(remarks: tuple[str, ...] = (), left_out: str | None = None) -> Reception:
     return Reception(
-        source=samples("bow"),
+        source=describe_samples("bow"),
         observations=None,
         decoded=NOBODY,
         n_signals=0,
@@ -47,7 +47,7 @@ def received(remarks: tuple[str, ...] = (), left_out: str | None = None) -> Rece
     )
 
 
-def failed(because: str) -> Finding:
+def make_failed(because: str) -> Finding:
     return Finding(
         detector="package",
         start_gpst=START,
@@ -65,14 +65,14 @@ def failed(because: str) -> Finding:
 def test_odd_signals_are_told_beside_a_failed_test(repeats: bool) -> None:
     # Also where a detector's own sentence holds the same words.
     words = describe_unexplained((ODD,))
-    found = outcome(received(), failed(f"as {words} say" if repeats else "ranges differ"))
+    found = make_outcome(make_reception(), make_failed(f"as {words} say" if repeats else "ranges differ"))
     why = explain_word(found)
     assert not why.of_unexplained
     assert summarize(found, why).count(words) == 1 + repeats
 
 
 def test_odd_signals_are_told_once_where_they_are_the_reason() -> None:
-    found = outcome(received())
+    found = make_outcome(make_reception())
     why = explain_word(found)
     assert why.of_unexplained
     assert summarize(found, why).count(describe_unexplained((ODD,))) == 1
@@ -81,6 +81,6 @@ def test_odd_signals_are_told_once_where_they_are_the_reason() -> None:
 def test_a_remark_is_told_whatever_it_begins_with() -> None:
     # Why a receiver is left out is told once, and is no remark of its own.
     remark = "left out: 7 cells"
-    result = why_untested(outcome(received((remark,), "deaf")))
+    result = why_untested(make_outcome(make_reception((remark,), "deaf")))
     assert result == f"bow: deaf; {remark}"
-    assert [noted.rpartition(" ")[2] for noted in received((), "deaf").noted] == ["deaf"]
+    assert [noted.rpartition(" ")[2] for noted in make_reception((), "deaf").noted] == ["deaf"]

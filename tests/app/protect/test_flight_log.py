@@ -127,7 +127,7 @@ def test_inertial_readings_that_are_none_are_left_out(flight, tmp_path) -> None:
     in_g = np.float32(9.80665)
     octets = bytearray(flight.log)
     # Accelerations in g: the rows of sensor_combined, whose first field is their time.
-    for at in _rows_of(octets, 2):
+    for at in _find_rows(octets, 2):
         values = np.frombuffer(octets[at + 28 : at + 40], "<f4") / in_g
         octets[at + 28 : at + 40] = values.tobytes()
     path.write_bytes(octets)
@@ -170,7 +170,7 @@ def test_a_log_of_fixes_alone_shows_jumps_of_its_place(far_deg, word, tmp_path) 
         assert abs(at / np.timedelta64(1, "s") - 31.0) < 2.0
 
 
-def _rows_of(octets: bytearray, number: int) -> list[int]:
+def _find_rows(octets: bytearray, number: int) -> list[int]:
     """Return where the records of a subscribed message begin, after the message's number."""
     found, k = [], 16
     while k + 5 <= len(octets):

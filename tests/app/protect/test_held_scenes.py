@@ -10,7 +10,7 @@ pytestmark = pytest.mark.long
 
 
 @pytest.fixture(scope="module")
-def held():
+def scenes():
     sys.path.insert(0, str(Path(__file__).parents[3] / "bench"))
     try:
         yield importlib.import_module("held")
@@ -18,18 +18,18 @@ def held():
         sys.path.pop(0)
 
 
-def through_samples(held, name, folder):
+def run_samples(held, name, folder):
     return held.row_of(held.scene_named(name, short=True), name, folder, "navigation", samples=True)
 
 
-def behind_drawn_correlators(held, name, folder):
+def run_correlators(held, name, folder):
     return held.row_of(held.scene_named(name), name, folder, "navigation", samples=False)
 
 
 @pytest.mark.parametrize("name", ["texbat-like-4", "texbat-like-5", "texbat-like-6"])
-def test_drawn_likenesses_are_named_and_nothing_false_is_trusted(held, name, tmp_path):
+def test_drawn_likenesses_are_named_and_nothing_false_is_trusted(scenes, name, tmp_path):
     # The sixth pushes the position of a car of which only the oscillator is known: the false clock is the true one.
-    row = behind_drawn_correlators(held, name, tmp_path)
+    row = run_correlators(scenes, name, tmp_path)
     print(row)
     assert row["verdict"] == "spoofed"
     assert row["alarms_before"] == 0
@@ -39,8 +39,8 @@ def test_drawn_likenesses_are_named_and_nothing_false_is_trusted(held, name, tmp
     assert row["ordinary_clock_m"] > 50.0
 
 
-def test_a_roof_in_austin_that_is_drawn_off_keeps_its_place(held, tmp_path):
-    row = through_samples(held, "static-austin", tmp_path)
+def test_a_roof_in_austin_that_is_drawn_off_keeps_its_place(scenes, tmp_path):
+    row = run_samples(scenes, "static-austin", tmp_path)
     print(row)
     assert row["verdict"] == "spoofed"
     assert row["alarms_before"] == 0
@@ -50,9 +50,9 @@ def test_a_roof_in_austin_that_is_drawn_off_keeps_its_place(held, tmp_path):
     assert row["ordinary_worst_m"] > 30.0
 
 
-def test_an_approach_at_too_low_a_rate_is_not_authentic(held, tmp_path):
+def test_an_approach_at_too_low_a_rate_is_not_authentic(scenes, tmp_path):
     # 5 Msps part signals from 0.2 chip on: too few satellites show two for a word, and nothing false is trusted.
-    row = through_samples(held, "las-vegas", tmp_path)
+    row = run_samples(scenes, "las-vegas", tmp_path)
     print(row)
     assert row["verdict"] in ("no_attack_seen", "suspect", "spoofed")
     assert row["alarms_before"] == 0

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.app.kit import PLACES, scenario_of
+from tests.app.kit import PLACES, make_scenario
 from tests.written import write_table
 
 from skyproof.app.protect import protect
@@ -20,9 +20,9 @@ from skyproof.simulator.measurements import NoiseModel, simulate_observations
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Half a minute of one receiver, its orbits, and readings at rest that count from the recording's start."""
+    """Write half a minute of one receiver, its orbits, and readings at rest timed from the recording's start."""
     folder = tmp_path_factory.mktemp("imu")
-    scenario = scenario_of(receivers=1, duration_s=31.0)
+    scenario = make_scenario(receivers=1, duration_s=31.0)
     navigation = make_nominal_constellation(scenario.start_gpst)
     (one,), _ = simulate_observations(scenario, navigation, rng=np.random.default_rng(3), noise=NoiseModel(sigma_m=0.5))
     write_obs(folder / "bow.obs", one, signals=one.signals, holds="simulated", marker="bow", version="test")
@@ -49,7 +49,7 @@ def test_readings_are_an_input_with_their_sum_and_remarks(folder: Path) -> None:
 
 
 def _place() -> np.ndarray:
-    place = scenario_of(receivers=1).receivers[0]
+    place = make_scenario(receivers=1).receivers[0]
     assert place.name == PLACES[0].name
     return np.asarray(ecef_from_geodetic(*place.geodetic_rad))
 

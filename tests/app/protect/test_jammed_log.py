@@ -19,18 +19,18 @@ SCENE = MeasuredScene(
 )
 
 
-def radio(agc: int, noise: int, state: int) -> bytes:
+def make_radio(agc: int, noise: int, state: int) -> bytes:
     """Return MON-RF of one front end."""
     block = struct.pack("<BBBBI4xHHBbBbB3x", 0, state, 2, 1, 0, noise, agc, 40, 0, 100, 0, 100)
     return ubx_frame(0x0A, 0x38, struct.pack("<BB2x", 0, 1) + block)
 
 
-def security(jamming: int) -> bytes:
-    """Return SEC-SIG, version 2: what it says of jamming; of spoofing that there is none."""
+def make_security(jamming: int) -> bytes:
+    """Return SEC-SIG, version 2, with this state of jamming and no spoofing."""
     return ubx_frame(0x27, 0x09, bytes([2, 1 | jamming << 1 | 1 << 4, 0, 0]))
 
 
-def jammed_log(fall_db: float) -> bytes:
+def write_jammed_log(fall_db: float) -> bytes:
     (o,) = SCENE.records(np.random.default_rng(3)).observations
     late = np.arange(EPOCHS) >= ONSET
     weaker_db = np.where(late, fall_db, 0.0)[:, None] + np.linspace(0.0, 8.0, len(o.signals))
@@ -40,15 +40,15 @@ def jammed_log(fall_db: float) -> bytes:
     )
     frames = []
     for k, epoch in enumerate(ubx_log(o, SCENE.navigation, fixes)):
-        frames += [epoch, radio(5000 - (1800 if late[k] else k % 7), 90, 3 if late[k] else 1)]
-        frames.append(security(2 if late[k] else 1))
+        frames += [epoch, make_radio(5000 - (1800 if late[k] else k % 7), 90, 3 if late[k] else 1)]
+        frames.append(make_security(2 if late[k] else 1))
     return b"".join(frames)
 
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
     folder = tmp_path_factory.mktemp("jammed")
-    (folder / "rover.ubx").write_bytes(jammed_log(10.0))
+    (folder / "rover.ubx").write_bytes(write_jammed_log(10.0))
     return protect([folder / "rover.ubx"], out=folder / "out")
 
 

@@ -19,12 +19,12 @@ MOMENTS = 20
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory):
+def recording(tmp_path_factory):
     folder = tmp_path_factory.mktemp("killed")
-    return kit.record(kit.scenario_of(duration_s=34.0), folder)
+    return kit.record(kit.make_scenario(duration_s=34.0), folder)
 
 
-def started(recorded, out: Path, *options: str) -> subprocess.Popen:
+def start_run(recorded, out: Path, *options: str) -> subprocess.Popen:
     given = [*map(str, recorded.paths), "--nav", str(recorded.nav), "--out", str(out), *options]
     return subprocess.Popen(
         [sys.executable, "-c", COMMAND, "protect", *given], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
@@ -32,7 +32,7 @@ def started(recorded, out: Path, *options: str) -> subprocess.Popen:
 
 
 def read(left: Path) -> tuple[int, int]:
-    """How many rows of measurements and lines of evidence are there; all of what is there can be read."""
+    """Read how many rows of measurements and lines of evidence a run has written; all have to be readable."""
     rows = 0
     for path in left.rglob("*.npz"):
         with np.load(path) as piece:
@@ -50,9 +50,9 @@ def read(left: Path) -> tuple[int, int]:
 
 
 @pytest.mark.long
-def test_a_killed_run_leaves_readable_results_at_any_moment(recorded, tmp_path):
+def test_a_killed_run_leaves_readable_results_at_any_moment(recording, tmp_path):
     begin = time.monotonic()
-    assert started(recorded, tmp_path / "whole").wait() == 0
+    assert start_run(recording, tmp_path / "whole").wait() == 0
     whole_s = time.monotonic() - begin
     names = sorted(path.name for path in (tmp_path / "whole").iterdir())
     assert UNFINISHED_RUN not in names
@@ -60,7 +60,7 @@ def test_a_killed_run_leaves_readable_results_at_any_moment(recorded, tmp_path):
     out, found = tmp_path / "out", []
     out.mkdir()
     for _ in range(MOMENTS):
-        run = started(recorded, out, "--overwrite")
+        run = start_run(recording, out, "--overwrite")
         try:
             run.wait(float(rng.uniform(0.05, 1.1)) * whole_s)
         except subprocess.TimeoutExpired:
@@ -71,5 +71,5 @@ def test_a_killed_run_leaves_readable_results_at_any_moment(recorded, tmp_path):
         assert "checksums.sha256" not in present or present >= set(names)
         assert present == set() or "verdict.json" in present
     assert max(rows for rows, _ in found) > 500
-    assert started(recorded, out, "--overwrite").wait() == 0
+    assert start_run(recording, out, "--overwrite").wait() == 0
     assert sorted(path.name for path in out.iterdir() if not path.name.startswith(".")) == names

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from tests.app.kit import ENU_M, record, scenario_of
-from tests.app.protect.captured import captured
+from tests.app.kit import ENU_M, make_scenario, record
+from tests.app.protect.captured import capture_receiver
 
 from skyproof.app.protect import protect
 from skyproof.formats.rinex_obs import write_obs
@@ -18,8 +18,8 @@ MIDDLE = 20
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    """Both receivers' samples, and what receivers of measurements would have written once a second."""
-    scenario = scenario_of(duration_s=40.0)
+    """Record both receivers' samples and their measurements once a second."""
+    scenario = make_scenario(duration_s=40.0)
     navigation = make_nominal_constellation(scenario.start_gpst)
     recorded = record(scenario, tmp_path_factory.mktemp("mixed"), navigation=navigation)
     rng = np.random.default_rng(5)
@@ -27,7 +27,7 @@ def scene(tmp_path_factory):
     return recorded, dict(zip(("bow", "stern"), measured, strict=True))
 
 
-def mixed(recorded, observations, folder):
+def write_mixed(recorded, observations, folder):
     path = folder / "stern.obs"
     write_obs(path, observations, signals=observations.signals, holds="simulated", marker="stern", version="test")
     inputs = [next(p for p in recorded.paths if p.stem == "bow"), path]
@@ -36,7 +36,7 @@ def mixed(recorded, observations, folder):
 
 def test_a_clean_sky_is_authentic_in_samples_and_in_measurements(scene, tmp_path):
     recorded, measured = scene
-    result = mixed(recorded, measured["stern"], tmp_path)
+    result = write_mixed(recorded, measured["stern"], tmp_path)
     assert result.verdict.verdict == "authentic", result.verdict.summary
     assert {r.name for r in result.verdict.receivers} == {"bow", "stern"}
     assert all(r.trusted_fix is not None for r in result.verdict.receivers)
@@ -47,8 +47,8 @@ def test_a_clean_sky_is_authentic_in_samples_and_in_measurements(scene, tmp_path
 
 def test_logs_that_follow_the_recordings_antenna_are_spoofed(scene, tmp_path):
     recorded, measured = scene
-    stern = captured(measured["stern"], measured["bow"], MIDDLE, rng=np.random.default_rng(6))
-    verdict = mixed(recorded, stern, tmp_path).verdict
+    stern = capture_receiver(measured["stern"], measured["bow"], MIDDLE, rng=np.random.default_rng(6))
+    verdict = write_mixed(recorded, stern, tmp_path).verdict
     assert verdict.verdict == "spoofed", verdict.summary
     since = stern.gpst[MIDDLE]
     assert abs(np.datetime64(verdict.since_latest_gpst, "ns") - since) <= np.timedelta64(11, "s")

@@ -12,7 +12,7 @@ START = np.datetime64("2024-01-01T00:00:00", "ns")
 G01 = SignalId(sat="G01", band="L1", code="CA", copy="a")
 
 
-def finding(window, *noticed, receiver="rx1", detector="continuity"):
+def make_finding(window, *noticed, receiver="rx1", detector="continuity"):
     start = START + np.timedelta64(10 * window, "s")
     return Finding(
         detector=detector,
@@ -27,19 +27,26 @@ def finding(window, *noticed, receiver="rx1", detector="continuity"):
 
 def test_the_best_test_of_the_worst_window_counts():
     jumps = [NoticedAttack("position_jump", size) for size in (8.0, 12.0, 5.0, 30.0)]
-    found = [finding(0, jumps[0]), finding(0, jumps[3], detector="other"), finding(1, jumps[1]), finding(2, jumps[2])]
+    found = [
+        make_finding(0, jumps[0]),
+        make_finding(0, jumps[3], detector="other"),
+        make_finding(1, jumps[1]),
+        make_finding(2, jumps[2]),
+    ]
     (size,) = list_noticed_sizes(found)
     assert (size.size, size.unit, size.detector, size.share_of_windows) == (12.0, "m", "continuity", 1.0)
 
 
 def test_windows_without_a_test_are_counted():
-    (size,) = list_noticed_sizes([finding(0, NoticedAttack("clock_jump", 3e-8)), finding(1), finding(2), finding(3)])
+    (size,) = list_noticed_sizes(
+        [make_finding(0, NoticedAttack("clock_jump", 3e-8)), make_finding(1), make_finding(2), make_finding(3)]
+    )
     assert size.share_of_windows == 0.25
     assert "25 %" in size.words
 
 
 def test_receivers_stand_apart():
-    found = [finding(0, NoticedAttack("code_drag", 1.5), receiver=name) for name in ("rx2", "rx1")]
+    found = [make_finding(0, NoticedAttack("code_drag", 1.5), receiver=name) for name in ("rx2", "rx1")]
     assert [size.receiver for size in list_noticed_sizes(found)] == ["rx1", "rx2"]
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.app import kit
-from tests.app.kit import ENU_M, scenario_of
-from tests.app.protect.captured import captured
+from tests.app.kit import ENU_M, make_scenario
+from tests.app.protect.captured import capture_receiver
 
 from skyproof.app.protect import protect
 from skyproof.detectors.continuity.series import Limits, build_series
@@ -28,13 +28,13 @@ MIDDLE = 30
 
 
 @pytest.fixture(scope="module")
-def measured():
-    """A minute of two receivers at one epoch a second."""
-    navigation, (bow, stern) = kit.measured(61.0)
+def measurements():
+    """Simulate a minute of two receivers, an epoch a second."""
+    navigation, (bow, stern) = kit.simulate_measurements(61.0)
     return bow, stern, navigation
 
 
-def written(folder: Path, *observations: Observations) -> list[Path]:
+def write_files(folder: Path, *observations: Observations) -> list[Path]:
     paths = []
     for o in observations:
         paths.append(folder / f"{o.receiver}.obs")
@@ -42,10 +42,10 @@ def written(folder: Path, *observations: Observations) -> list[Path]:
     return paths
 
 
-def test_a_clean_sky_is_authentic_in_observation_files(measured, tmp_path):
-    bow, stern, navigation = measured
+def test_a_clean_sky_is_authentic_in_observation_files(measurements, tmp_path):
+    bow, stern, navigation = measurements
     write_nav(tmp_path / "nav.rnx", navigation)
-    result = protect(written(tmp_path, bow, stern), nav=tmp_path / "nav.rnx", out=tmp_path / "out", **SETTINGS)
+    result = protect(write_files(tmp_path, bow, stern), nav=tmp_path / "nav.rnx", out=tmp_path / "out", **SETTINGS)
     assert result.verdict.verdict == "authentic", result.verdict.summary
     assert {s.label for s in result.verdict.signals} == {"authentic"}
     assert [i.format for i in result.verdict.inputs] == ["RINEX 3.05 observations"] * 2 + ["RINEX navigation"]
@@ -56,9 +56,9 @@ def test_a_clean_sky_is_authentic_in_observation_files(measured, tmp_path):
 
 
 @pytest.mark.parametrize("row", [31, 39])
-def test_a_jump_of_a_receiver_that_stands_is_dated_to_its_epoch(measured, tmp_path, row):
+def test_a_jump_of_a_receiver_that_stands_is_dated_to_its_epoch(measurements, tmp_path, row):
     # All ranges jump to a place 1 km off, and the carriers slip there.
-    bow, _, navigation = measured
+    bow, _, navigation = measurements
     place_ecef_m = np.nanmedian(fix(bow, navigation).position_ecef_m, axis=0)
     unit = build_series(bow, navigation, place_ecef_m, Limits()).unit
     away_m = -(unit[row:] @ np.array([0.0, 600.0, 800.0]))
@@ -67,14 +67,14 @@ def test_a_jump_of_a_receiver_that_stands_is_dated_to_its_epoch(measured, tmp_pa
     slipped[row] = CellStatus.SLIP
     write_nav(tmp_path / "nav.rnx", navigation)
     (tmp_path / "platform.toml").write_text('motion = "static"\n')
-    (path,) = written(tmp_path, replace(bow, status=slipped, **jumped))
+    (path,) = write_files(tmp_path, replace(bow, status=slipped, **jumped))
     verdict = protect([path], nav=tmp_path / "nav.rnx", platform=tmp_path / "platform.toml").verdict
     assert verdict.verdict == "spoofed"
     assert np.datetime64(verdict.since_gpst) == bow.gpst[row]
 
 
 def shorten(path: Path, how: str) -> Path:
-    """The same file, cut within a line or as a gzip file; behind a stretch that is whole if `how` says so."""
+    """Cut the file within a line or within its gzip stream, or behind a whole stretch if `how` says so."""
     content = path.read_bytes()
     if how == "gzip":
         packed = gzip.compress(content)
@@ -85,10 +85,10 @@ def shorten(path: Path, how: str) -> Path:
 
 
 @pytest.mark.parametrize("how", ["line", "gzip", "behind"])
-def test_what_comes_after_a_cut_keeps_a_clean_sky_from_authentic(measured, tmp_path, how):
-    bow, stern, navigation = measured
+def test_what_comes_after_a_cut_keeps_a_clean_sky_from_authentic(measurements, tmp_path, how):
+    bow, stern, navigation = measurements
     write_nav(tmp_path / "nav.rnx", navigation)
-    whole, cut = written(tmp_path, bow, stern)
+    whole, cut = write_files(tmp_path, bow, stern)
     paths = [whole, shorten(cut, how)]
     duration_s = 45.0 if how == "behind" else None
     verdict = protect(paths, nav=tmp_path / "nav.rnx", duration_s=duration_s, **SETTINGS).verdict
@@ -105,7 +105,7 @@ def test_what_comes_after_a_cut_keeps_a_clean_sky_from_authentic(measured, tmp_p
 )
 def test_any_interval_and_clock_step_and_missing_column_works(tmp_path, interval_s, duration_s, window_s):
     # One receiver sets its clock by a millisecond in the middle, and reports neither Doppler nor C/N0.
-    scenario = scenario_of(duration_s=duration_s)
+    scenario = make_scenario(duration_s=duration_s)
     navigation = make_nominal_constellation(scenario.start_gpst)
     rng = np.random.default_rng(7)
     (bow, stern), _ = simulate_observations(
@@ -115,7 +115,7 @@ def test_any_interval_and_clock_step_and_missing_column_works(tmp_path, interval
     stern = anchor_label(stern, 1e-3 * (np.arange(stern.gpst.size) > stern.gpst.size // 2))
     stern = replace(stern, doppler_hz=nothing, cn0_dbhz=nothing)
     write_nav(tmp_path / "nav.rnx", navigation)
-    result = protect(written(tmp_path, bow, stern), nav=tmp_path / "nav.rnx", **SETTINGS)
+    result = protect(write_files(tmp_path, bow, stern), nav=tmp_path / "nav.rnx", **SETTINGS)
     assert result.verdict.verdict == "authentic", result.verdict.summary
     assert result.verdict.settings["window_s"] == pytest.approx(window_s)
     remarks = " ".join(result.verdict.inputs[1].all_remarks)
@@ -128,11 +128,11 @@ def test_any_interval_and_clock_step_and_missing_column_works(tmp_path, interval
         assert (r.trusted.status == FixStatus.OK).all()
 
 
-def test_a_captured_receiver_is_spoofed_since_then(measured, tmp_path):
-    bow, stern, navigation = measured
+def test_a_captured_receiver_is_spoofed_since_then(measurements, tmp_path):
+    bow, stern, navigation = measurements
     write_nav(tmp_path / "nav.rnx", navigation)
-    stern = captured(stern, bow, MIDDLE, rng=np.random.default_rng(4))
-    result = protect(written(tmp_path, bow, stern), nav=tmp_path / "nav.rnx", **SETTINGS)
+    stern = capture_receiver(stern, bow, MIDDLE, rng=np.random.default_rng(4))
+    result = protect(write_files(tmp_path, bow, stern), nav=tmp_path / "nav.rnx", **SETTINGS)
     verdict = result.verdict
     assert verdict.verdict == "spoofed", verdict.summary
     latest = np.datetime64(verdict.since_latest_gpst, "ns")
@@ -144,10 +144,10 @@ def test_a_captured_receiver_is_spoofed_since_then(measured, tmp_path):
             assert np.datetime64(s.to_gpst, "ns") <= bow.gpst[MIDDLE]
 
 
-def test_a_stretch_of_a_file_is_protected(measured, tmp_path):
-    bow, stern, navigation = measured
+def test_a_stretch_of_a_file_is_protected(measurements, tmp_path):
+    bow, stern, navigation = measurements
     write_nav(tmp_path / "nav.rnx", navigation)
-    paths = written(tmp_path, bow, stern)
+    paths = write_files(tmp_path, bow, stern)
     verdict = protect(paths, nav=tmp_path / "nav.rnx", start_s=20.0, duration_s=20.0, **SETTINGS).verdict
     assert verdict.verdict == "authentic"
     assert [round(r.duration_s) for r in verdict.receivers] == [19, 19]
@@ -156,36 +156,36 @@ def test_a_stretch_of_a_file_is_protected(measured, tmp_path):
         protect(paths, nav=tmp_path / "nav.rnx", start_s=99.0)
 
 
-def test_observation_files_alone_need_orbits(measured, tmp_path):
+def test_observation_files_alone_need_orbits(measurements, tmp_path):
     with pytest.raises(InputError, match=r"bow\.obs: .*\borbits\b"):
-        protect(written(tmp_path, *measured[:2]))
+        protect(write_files(tmp_path, *measurements[:2]))
 
 
-def test_orbits_of_another_day_are_refused_for_observations(measured, tmp_path):
+def test_orbits_of_another_day_are_refused_for_observations(measurements, tmp_path):
     write_nav(tmp_path / "late.rnx", make_nominal_constellation(np.datetime64("2031-03-03", "ns")))
     with pytest.raises(InputError, match=r"late\.rnx: .*\b2031\b.*\bday$"):
-        protect(written(tmp_path, *measured[:2]), nav=tmp_path / "late.rnx")
+        protect(write_files(tmp_path, *measurements[:2]), nav=tmp_path / "late.rnx")
 
 
-def test_orbits_of_another_system_are_refused(measured, tmp_path):
-    galileo = make_nominal_systems(measured[0].gpst[0], "E")
+def test_orbits_of_another_system_are_refused(measurements, tmp_path):
+    galileo = make_nominal_systems(measurements[0].gpst[0], "E")
     write_nav(tmp_path / "other.rnx", galileo)
     with pytest.raises(InputError, match=r"other\.rnx: .*Galileo.*GPS"):
-        protect(written(tmp_path, *measured[:2]), nav=tmp_path / "other.rnx")
+        protect(write_files(tmp_path, *measurements[:2]), nav=tmp_path / "other.rnx")
 
 
-def test_orbits_left_out_are_named_where_none_is_left(measured, tmp_path):
+def test_orbits_left_out_are_named_where_none_is_left(measurements, tmp_path):
     # Dates edited by nine hours, times of ephemeris not.
-    navigation = measured[2]
+    navigation = measurements[2]
     wrong = tuple(replace(e, toc=(e.toc - 32400.0) % 604800.0) for e in navigation.ephemerides)
     write_nav(tmp_path / "edited.rnx", replace(navigation, ephemerides=wrong))
     with pytest.raises(InputError, match=r"edited\.rnx: .* -9\.00 h"):
-        protect(written(tmp_path, *measured[:2]), nav=tmp_path / "edited.rnx")
+        protect(write_files(tmp_path, *measurements[:2]), nav=tmp_path / "edited.rnx")
 
 
-def test_one_receivers_file_is_refused_twice(measured, tmp_path):
-    bow, _, _ = measured
-    path, *_ = written(tmp_path, bow)
+def test_one_receivers_file_is_refused_twice(measurements, tmp_path):
+    bow, _, _ = measurements
+    path, *_ = write_files(tmp_path, bow)
     thinned = tmp_path / "again.obs"
     half = replace(bow, receiver="again", pseudorange_m=np.where(np.arange(60)[:, None] % 2, bow.pseudorange_m, np.nan))
     write_obs(thinned, half, signals=half.signals, holds="simulated", marker="again", version="test")
@@ -193,10 +193,10 @@ def test_one_receivers_file_is_refused_twice(measured, tmp_path):
         protect([path, thinned])
 
 
-def test_a_navigation_file_in_the_place_of_an_input_is_named(measured, tmp_path):
-    write_nav(tmp_path / "nav.rnx", measured[2])
+def test_a_navigation_file_in_the_place_of_an_input_is_named(measurements, tmp_path):
+    write_nav(tmp_path / "nav.rnx", measurements[2])
     with pytest.raises(InputError, match=r"nav\.rnx.*RINEX navigation.*--nav"):
-        protect([*written(tmp_path, measured[0]), tmp_path / "nav.rnx"])
+        protect([*write_files(tmp_path, measurements[0]), tmp_path / "nav.rnx"])
 
 
 @pytest.mark.parametrize(
@@ -210,17 +210,17 @@ def test_a_navigation_file_in_the_place_of_an_input_is_named(measured, tmp_path)
         ),
     ],
 )
-def test_a_file_without_observations_is_refused(measured, tmp_path, content, words):
-    path, *_ = written(tmp_path, measured[0])
+def test_a_file_without_observations_is_refused(measurements, tmp_path, content, words):
+    path, *_ = write_files(tmp_path, measurements[0])
     path.write_text("\n".join([*content(path.read_text().splitlines()), ""]))
     with pytest.raises(InputError, match=words):
         protect([path])
 
 
-def test_packed_files_are_read_and_named_without_their_packing(measured, tmp_path):
-    bow, stern, navigation = measured
+def test_packed_files_are_read_and_named_without_their_packing(measurements, tmp_path):
+    bow, stern, navigation = measurements
     write_nav(tmp_path / "nav.rnx", navigation)
-    paths = written(tmp_path, bow, stern)
+    paths = write_files(tmp_path, bow, stern)
     packed = tmp_path / "bow.obs.gz"
     packed.write_bytes(gzip.compress(paths[0].read_bytes()))
     verdict = protect([packed, paths[1]], nav=tmp_path / "nav.rnx", duration_s=20.0, **SETTINGS).verdict

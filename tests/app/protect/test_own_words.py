@@ -16,29 +16,29 @@ LAT_DEG, LON_DEG = 59.4, 16.9
 NORTH_DEG_A_METRE = 1.0 / 111_412.0
 
 
-def times(n: int) -> np.ndarray:
+def make_times(n: int) -> np.ndarray:
     return START + np.arange(n) * SECOND
 
 
-def places(north_m) -> np.ndarray:
+def make_places(north_m) -> np.ndarray:
     lat = np.radians(LAT_DEG + np.asarray(north_m, float) * NORTH_DEG_A_METRE)
     return ecef_from_geodetic(lat, np.full(lat.size, np.radians(LON_DEG)), np.full(lat.size, 30.0))
 
 
-def own_fixes(north_m) -> ReceiverFixes:
+def make_own_fixes(north_m) -> ReceiverFixes:
     n = len(north_m)
     lat = np.radians(LAT_DEG + np.asarray(north_m, float) * NORTH_DEG_A_METRE)
     return ReceiverFixes.from_geodetic(
-        times(n), lat, np.full(n, np.radians(LON_DEG)), np.full(n, 30.0), horizontal_sigma_m=np.full(n, 2.0)
+        make_times(n), lat, np.full(n, np.radians(LON_DEG)), np.full(n, 30.0), horizontal_sigma_m=np.full(n, 2.0)
     )
 
 
-def trusted(north_m) -> Track:
-    position = places(north_m)
+def make_trusted(north_m) -> Track:
+    position = make_places(north_m)
     last = Fix(
         receiver="rx1",
         signals=(),
-        gpst=times(len(north_m))[-1:],
+        gpst=make_times(len(north_m))[-1:],
         position_ecef_m=position[-1:],
         velocity_ecef_m_s=np.zeros((1, 3)),
         clock_bias_s=np.zeros(1),
@@ -49,11 +49,14 @@ def trusted(north_m) -> Track:
     )
     clock_s = np.where(np.isfinite(position[:, 0]), 0.0, np.nan)
     return Track(
-        gpst=times(len(north_m)) + np.timedelta64(3, "ms"), position_ecef_m=position, clock_bias_s=clock_s, last=last
+        gpst=make_times(len(north_m)) + np.timedelta64(3, "ms"),
+        position_ecef_m=position,
+        clock_bias_s=clock_s,
+        last=last,
     )
 
 
-def states(*rows: tuple[int, str, str, bool]) -> ReceiverStates:
+def list_states(*rows: tuple[int, str, str, bool]) -> ReceiverStates:
     seconds, subjects, words, alarms = zip(*rows, strict=True)
     return ReceiverStates(
         gpst=START + np.array(seconds) * SECOND,
@@ -65,7 +68,7 @@ def states(*rows: tuple[int, str, str, bool]) -> ReceiverStates:
 
 def test_words_that_stay_are_one_spell() -> None:
     found = list_receiver_states(
-        states(
+        list_states(
             (0, "jamming", "none", False),
             (1, "jamming", "none", False),
             (2, "jamming", "critical", True),
@@ -82,14 +85,14 @@ def test_words_that_stay_are_one_spell() -> None:
 
 
 def test_of_two_front_ends_the_one_that_alarms_counts() -> None:
-    found = list_receiver_states(states((0, "jamming", "none", False), (0, "jamming", "warning", True)))
+    found = list_receiver_states(list_states((0, "jamming", "none", False), (0, "jamming", "warning", True)))
     assert [(s.state, s.alarm) for s in found] == [("warning", True)]
 
 
 def test_of_many_spells_alarms_stay() -> None:
     flicker = [(k, "jamming", "none" if k % 2 else "unknown", False) for k in range(200)]
     flicker[150] = (150, "jamming", "critical", True)
-    found = list_receiver_states(states(*flicker))
+    found = list_receiver_states(list_states(*flicker))
     assert len(found) == 20
     assert [s.state for s in found].count("critical") == 1
 
@@ -100,8 +103,8 @@ def test_a_receiver_that_says_nothing_has_no_words() -> None:
 
 
 def test_the_distance_is_of_the_same_epochs() -> None:
-    ours = trusted([0.0, 0.0, 0.0, np.nan, 0.0])
-    found = compare_receiver_fix(own_fixes([0.0, 50.0, 900.0, 5000.0, 30.0]), ours)
+    ours = make_trusted([0.0, 0.0, 0.0, np.nan, 0.0])
+    found = compare_receiver_fix(make_own_fixes([0.0, 50.0, 900.0, 5000.0, 30.0]), ours)
     assert found is not None
     assert found.from_trusted_m == pytest.approx(30.0, abs=0.1)
     assert found.most_from_trusted_m == pytest.approx(900.0, abs=1.0)
@@ -110,14 +113,14 @@ def test_the_distance_is_of_the_same_epochs() -> None:
 
 
 def test_without_a_trusted_position_there_is_no_distance() -> None:
-    found = compare_receiver_fix(own_fixes([0.0, 50.0]), None)
+    found = compare_receiver_fix(make_own_fixes([0.0, 50.0]), None)
     assert found is not None
     assert found.from_trusted_m is None
     assert found.lat_deg == pytest.approx(LAT_DEG + 50.0 * NORTH_DEG_A_METRE)
 
 
 def test_its_rows_in_the_table_of_fixes_are_its_own() -> None:
-    fixes = own_fixes([0.0, 50.0, 60.0])
+    fixes = make_own_fixes([0.0, 50.0, 60.0])
     columns = build_own_fixes_columns("rx1", fixes, select_rows_with_place(fixes))
     assert tuple(columns) == FIXES_COLUMNS
     assert set(columns["kind"]) == {"receiver"}

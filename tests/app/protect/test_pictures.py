@@ -16,16 +16,16 @@ PLACE = {"lat_deg": 57.7, "lon_deg": 11.9, "height_m": 50.0}
 
 
 @pytest.fixture(scope="module")
-def judged(tmp_path_factory):
-    """Two receivers under a meaconer that is switched on after 12 s."""
+def result(tmp_path_factory):
+    """Run the command on two receivers under a meaconer that is switched on after 12 s."""
     attack = Meaconer(receive=kit.ELSEWHERE, transmit=kit.TRANSMIT, delay_s=4e-6, onset_s=12.0, noise_db=-13.0)
-    scenario = kit.scenario_of(attacks=(attack,), duration_s=26.0)
-    return kit.protected(scenario, tmp_path_factory.mktemp("pictures")).result
+    scenario = kit.make_scenario(attacks=(attack,), duration_s=26.0)
+    return kit.protect_scenario(scenario, tmp_path_factory.mktemp("pictures")).result
 
 
 @pytest.mark.long
-def test_every_signal_stands_at_a_peak_of_its_correlation(judged):
-    drawn = build_pictures(judged.outcome).profiles
+def test_every_signal_stands_at_a_peak_of_its_correlation(result):
+    drawn = build_pictures(result.outcome).profiles
     assert len(drawn) == pictures.PROFILES
     for profile in drawn:
         assert [tag.label for tag in profile.tags] == ["authentic", "spoofed"]
@@ -37,8 +37,8 @@ def test_every_signal_stands_at_a_peak_of_its_correlation(judged):
 
 
 @pytest.mark.long
-def test_false_signals_share_their_range_difference(judged):
-    drawn = build_pictures(judged.outcome).differences
+def test_false_signals_share_their_range_difference(result):
+    drawn = build_pictures(result.outcome).differences
     metres = {label: [d.metres for d in drawn if d.label == label] for label in ("authentic", "spoofed")}
     assert min(map(len, metres.values())) >= 8
     assert np.ptp(metres["spoofed"]) < 5.0
@@ -46,8 +46,8 @@ def test_false_signals_share_their_range_difference(judged):
 
 
 @pytest.mark.long
-def test_the_simulated_truth_lies_where_the_receiver_stood(judged):
-    drawn = build_pictures(judged.outcome)
+def test_the_simulated_truth_lies_where_the_receiver_stood(result):
+    drawn = build_pictures(result.outcome)
     assert {place.receiver for place in drawn.truth} == {"bow", "stern"}
     for place in drawn.truth:
         trusted = next(t for t in drawn.tracks if (t.receiver, t.kind) == (place.receiver, "trusted"))
@@ -55,15 +55,15 @@ def test_the_simulated_truth_lies_where_the_receiver_stood(judged):
 
 
 @pytest.mark.long
-def test_the_same_run_gives_the_same_page(judged):
-    pages = {write_report_html(judged.verdict, build_pictures(judged.outcome)) for _ in range(2)}
+def test_the_same_run_gives_the_same_page(result):
+    pages = {write_report_html(result.verdict, build_pictures(result.outcome)) for _ in range(2)}
     assert len(pages) == 1
 
 
 @pytest.mark.long
-def test_each_detector_that_ran_says_what_it_found(judged):
-    ran = {m.detector for m in judged.verdict.methods if m.ran}
-    assert {finding.detector for finding in build_pictures(judged.outcome).findings} == ran
+def test_each_detector_that_ran_says_what_it_found(result):
+    ran = {m.detector for m in result.verdict.methods if m.ran}
+    assert {finding.detector for finding in build_pictures(result.outcome).findings} == ran
 
 
 def test_a_place_is_read_in_either_spelling(tmp_path):

@@ -16,16 +16,16 @@ from skyproof.formats.rinex_obs import write_obs
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A minute of two receivers as observation files one.obs and two.obs, and the navigation file."""
+    """Write a minute of two receivers as one.obs and two.obs, and the navigation file."""
     folder = tmp_path_factory.mktemp("platform")
-    navigation, pair = kit.measured(61.0)
+    navigation, pair = kit.simulate_measurements(61.0)
     for name, o in zip(("one", "two"), pair, strict=True):
         write_obs(folder / f"{name}.obs", o, signals=o.signals, holds="simulated", marker=name, version="test")
     write_nav(folder / "brdc.rnx", navigation)
     return folder
 
 
-def platform_of(folder: Path, *, inputs: bool = True, more: str = "") -> Path:
+def write_platform(folder: Path, *, inputs: bool = True, more: str = "") -> Path:
     lines = [more]
     for place, name in zip(PLACES, ("one", "two"), strict=False):
         where = f"lat_deg = {place.lat_deg}, lon_deg = {place.lon_deg}, height_m = {place.height_m}, sigma_m = 0.1"
@@ -36,7 +36,7 @@ def platform_of(folder: Path, *, inputs: bool = True, more: str = "") -> Path:
 
 
 def test_a_platform_file_is_all_that_a_run_needs(folder: Path, tmp_path: Path) -> None:
-    path = platform_of(folder, more='oscillator = "tcxo"\nmotion = "static"')
+    path = write_platform(folder, more='oscillator = "tcxo"\nmotion = "static"')
     result = protect(platform=path, nav=folder / "brdc.rnx", out=tmp_path / "out")
     assert [r.name for r in result.verdict.receivers] == ["bow", "stern"]
     assert result.verdict.verdict == "authentic"
@@ -50,7 +50,7 @@ def test_a_platform_file_is_all_that_a_run_needs(folder: Path, tmp_path: Path) -
 
 def test_signals_that_agree_on_another_place_are_not_authentic(folder: Path) -> None:
     # Both places 200 m too far north: how the antennas stand to each other is right.
-    path = platform_of(folder)
+    path = write_platform(folder)
     for place in PLACES:
         path.write_text(path.read_text().replace(f"{place.lat_deg},", f"{place.lat_deg + 1.8e-3},"))
     result = protect(platform=path, nav=folder / "brdc.rnx")
@@ -61,7 +61,7 @@ def test_signals_that_agree_on_another_place_are_not_authentic(folder: Path) -> 
 
 
 def test_inputs_of_the_command_line_are_described_by_name(folder: Path) -> None:
-    path = platform_of(folder, inputs=False)
+    path = write_platform(folder, inputs=False)
     both = [folder / "two.obs", folder / "one.obs"]
     result = protect(both, platform=path, nav=folder / "brdc.rnx")
     assert [r.name for r in result.verdict.receivers] == ["two", "one"]
@@ -76,7 +76,7 @@ def test_inputs_of_the_command_line_are_described_by_name(folder: Path) -> None:
 
 def test_inputs_in_two_places_and_in_none_are_refused(folder: Path) -> None:
     with pytest.raises(SettingsError, match=r"platform\.toml: receivers\[0\] .*command line"):
-        protect([folder / "one.obs"], platform=platform_of(folder))
+        protect([folder / "one.obs"], platform=write_platform(folder))
     with pytest.raises(InputError, match="no input"):
         protect()
 

@@ -27,8 +27,8 @@ RECORDS = SCENE.records(np.random.default_rng(5))
 CLEAN = WHOLE.select_channels([k for k, signal in enumerate(WHOLE.signals) if signal.copy == "a"])
 
 
-def decision():
-    """The first copies are true until epoch 60, the second ones false from 30 on."""
+def make_decision():
+    """Make a decision: the first copies are true until epoch 60, the second ones false from 30 on."""
     labels = tuple(
         LabelledSignal(ref=SignalRef("rx1", signal), label=label, first_epoch=first, last_epoch=last, because=())
         for signal in WHOLE.signals
@@ -46,13 +46,13 @@ def decision():
     )
 
 
-def positions_in(log, smoothing_s=20.0):
+def read_positions(log, smoothing_s=20.0):
     settings = Settings(smoothing_s=smoothing_s)
-    return set_up_positions(log, decision(), RECORDS.navigation, settings)
+    return set_up_positions(log, make_decision(), RECORDS.navigation, settings)
 
 
 @pytest.fixture
-def spooled():
+def log():
     log = ObservationSpool(Workspace(), "rx1")
     for first in range(0, 90, 25):
         log.append(WHOLE.read(first, first + 25))
@@ -61,10 +61,10 @@ def spooled():
 
 @pytest.mark.parametrize("epochs", [7, 31, 89])
 @pytest.mark.parametrize("kind", ["trusted", "false", "unprotected", "S1"])
-def test_stretches_of_any_length_give_what_the_whole_gives(monkeypatch, spooled, epochs, kind):
-    expected = positions_in(WHOLE).whole(kind)
+def test_stretches_of_any_length_give_what_the_whole_gives(monkeypatch, log, epochs, kind):
+    expected = read_positions(WHOLE).whole(kind)
     monkeypatch.setattr(positions, "STRETCH_EPOCHS", epochs)
-    found = positions_in(spooled).whole(kind)
+    found = read_positions(log).whole(kind)
     good = expected.status == 0
     assert good.sum() > 25
     for f in fields(Fix):
@@ -76,9 +76,9 @@ def test_stretches_of_any_length_give_what_the_whole_gives(monkeypatch, spooled,
 
 
 def test_a_track_is_what_of_the_fixes_stays_at_hand(monkeypatch):
-    whole = positions_in(WHOLE).whole("trusted")
+    whole = read_positions(WHOLE).whole("trusted")
     monkeypatch.setattr(positions, "STRETCH_EPOCHS", 16)
-    track = positions_in(WHOLE).track("trusted")
+    track = read_positions(WHOLE).track("trusted")
     assert np.array_equal(track.fixed, whole.status == 0)
     np.testing.assert_allclose(track.position_ecef_m[:60], whole.position_ecef_m[:60], atol=1e-6)
     assert np.isnan(track.clock_bias_s[60:]).all()
@@ -89,7 +89,7 @@ def test_a_track_is_what_of_the_fixes_stays_at_hand(monkeypatch):
 def test_only_trusted_fixes_have_a_level_larger_for_less_risk():
     def levels_of(kind, risk):
         settings = Settings(smoothing_s=20.0, integrity_risk=risk)
-        found = set_up_positions(WHOLE, decision(), RECORDS.navigation, settings).whole(kind)
+        found = set_up_positions(WHOLE, make_decision(), RECORDS.navigation, settings).whole(kind)
         return found.protection_m[found.status == 0]
 
     often, seldom = levels_of("trusted", 1e-2), levels_of("trusted", 1e-7)
@@ -102,9 +102,9 @@ def test_only_trusted_fixes_have_a_level_larger_for_less_risk():
 def test_what_no_satellite_checks_is_no_fix_to_use(satellites, fixes):
     # One range that is wrong by a kilometre shows in no residual of four.
     log = CLEAN.select_channels(range(satellites))
-    labels = [label for label in decision().labels if label.ref.signal in log.signals]
+    labels = [label for label in make_decision().labels if label.ref.signal in log.signals]
     all_day = tuple(replace(label, last_epoch=89) for label in labels if label.label == "authentic")
-    result = set_up_positions(log, replace(decision(), labels=all_day), RECORDS.navigation, Settings())
+    result = set_up_positions(log, replace(make_decision(), labels=all_day), RECORDS.navigation, Settings())
     found = sum(int((fix.status == FixStatus.OK).sum()) for _, fix in result.stretches("trusted"))
     assert found == fixes
     ordinary = next(iter(result.stretches("unprotected")))[1]
@@ -112,32 +112,32 @@ def test_what_no_satellite_checks_is_no_fix_to_use(satellites, fixes):
 
 
 def test_what_there_is_no_fix_of_is_none():
-    false = tuple(s for s in decision().labels if s.label == "spoofed")
-    found = set_up_positions(WHOLE, replace(decision(), labels=false), RECORDS.navigation, Settings())
+    false = tuple(s for s in make_decision().labels if s.label == "spoofed")
+    found = set_up_positions(WHOLE, replace(make_decision(), labels=false), RECORDS.navigation, Settings())
     assert found.track("trusted") is None
     assert found.whole("trusted") is None
     assert found.track("false") is not None
 
 
 def clean_positions(labels=(), *, suspect_from=None, hidden=None, **settings):
-    windows = () if suspect_from is None else (word("suspect", suspect_from, CLEAN.gpst[-1]),)
-    decided = replace(decision(), verdict="no_attack_seen", labels=tuple(labels), sources=(), windows=windows)
+    windows = () if suspect_from is None else (make_word("suspect", suspect_from, CLEAN.gpst[-1]),)
+    decided = replace(make_decision(), verdict="no_attack_seen", labels=tuple(labels), sources=(), windows=windows)
     return set_up_positions(CLEAN, decided, RECORDS.navigation, Settings(smoothing_s=20.0, **settings), hidden=hidden)
 
 
-def word(name, start, end):
+def make_word(name, start, end):
     return WindowWord(receiver="rx1", start_gpst=start, end_gpst=end, word=name)
 
 
-def of_clean(label, first, last):
+def make_clean_labels(label, first, last):
     return [
         LabelledSignal(ref=SignalRef("rx1", signal), label=label, first_epoch=first, last_epoch=last, because=())
         for signal in CLEAN.signals
     ]
 
 
-def kinds_by_epoch(found):
-    """The kinds of each epoch that has a fix, by its row of the log."""
+def list_kinds(found):
+    """List the kinds of each epoch that has a fix, by its row of the log."""
     kinds = [[] for _ in range(CLEAN.gpst.size)]
     for kind, fix in usable_fixes(found):
         for at in fix.gpst[fix.status == 0]:
@@ -153,28 +153,26 @@ def test_while_no_test_fails_every_epoch_has_a_consistent_fix():
 
 
 def test_no_epoch_has_two_fixes_and_the_trusted_one_is_first():
-    found = clean_positions(of_clean("authentic", 20, 49), suspect_from=CLEAN.gpst[70], speed_max_m_s=0.0)
-    kinds = kinds_by_epoch(found)
+    found = clean_positions(make_clean_labels("authentic", 20, 49), suspect_from=CLEAN.gpst[70], speed_max_m_s=0.0)
+    kinds = list_kinds(found)
     assert kinds == [["consistent"]] * 20 + [["trusted"]] * 30 + [["consistent"]] * 20 + [["held"]] * 20
 
 
 @pytest.mark.parametrize("epochs", [7, 31, 89])
 def test_stretches_of_any_length_give_the_same_consistent_fixes(monkeypatch, epochs):
-    labels = of_clean("authentic", 20, 49)
+    labels = make_clean_labels("authentic", 20, 49)
     expected = clean_positions(labels).whole("consistent")
     monkeypatch.setattr(positions, "STRETCH_EPOCHS", epochs)
     found = clean_positions(labels).whole("consistent")
     good = expected.status == 0
     assert np.array_equal(found.status == 0, good)
     np.testing.assert_allclose(found.position_ecef_m[good], expected.position_ecef_m[good], atol=1e-6)
-    assert kinds_by_epoch(clean_positions(labels)) == [
-        ["trusted"] if 20 <= k < 50 else ["consistent"] for k in range(90)
-    ]
+    assert list_kinds(clean_positions(labels)) == [["trusted"] if 20 <= k < 50 else ["consistent"] for k in range(90)]
 
 
 @pytest.mark.parametrize("label", ["spoofed", "multipath"])
 def test_false_signals_and_reflections_make_no_consistent_fix(label):
-    found = clean_positions(of_clean(label, 30, 59)).whole("consistent")
+    found = clean_positions(make_clean_labels(label, 30, 59)).whole("consistent")
     assert np.array_equal(np.flatnonzero(found.status != 0), np.arange(30, 60))
 
 
@@ -187,7 +185,7 @@ def test_what_may_be_hidden_grows_from_the_last_evidence_on():
         far_m=np.full(2, np.inf),
     )
     hidden_m = np.full(90, np.nan)
-    for kind, fix in usable_fixes(clean_positions(of_clean("authentic", 20, 29), hidden=drag)):
+    for kind, fix in usable_fixes(clean_positions(make_clean_labels("authentic", 20, 29), hidden=drag)):
         good = np.flatnonzero(fix.status == 0)
         hidden_m[good] = fix.hidden_m[good]
         assert (kind == "trusted") == (fix.hidden_m[good] == 0.0)[-1]

@@ -27,7 +27,7 @@ READINGS = ImuFile(
 )
 
 
-def of_platform(names=("a",), **tables):
+def make_predictors(names=("a",), **tables):
     imu = {"imu": {"file": Path("imu.csv"), "lever_arm_m": [1.0, 0.0, -2.0], "grade": "tactical"}}
     platform = Platform.model_validate(tables | (imu if tables.pop("with_imu", False) else {}))
     own = match_tables(platform, names)
@@ -37,9 +37,9 @@ def of_platform(names=("a",), **tables):
 
 
 def test_nothing_is_predicted_for_a_receiver_without_statements():
-    assert of_platform() == {}
-    assert of_platform(motion="moving") == {}
-    assert of_platform(motion="moving", receivers=[{"position": PLACE}]) == {}
+    assert make_predictors() == {}
+    assert make_predictors(motion="moving") == {}
+    assert make_predictors(motion="moving", receivers=[{"position": PLACE}]) == {}
 
 
 @pytest.mark.parametrize(
@@ -56,14 +56,14 @@ def test_nothing_is_predicted_for_a_receiver_without_statements():
     ],
 )
 def test_what_says_most_is_taken_and_stands_in_the_words(tables, by):
-    (one,) = of_platform(**tables).values()
+    (one,) = make_predictors(**tables).values()
     assert one.by == by
     assert isinstance(one, Inertial if "inertial_unit" in by else Standing)
     assert len(one.assumes) == len(by)
 
 
 def test_a_surveyed_place_is_expected_from_the_first_moment_on():
-    (one,) = of_platform(receivers=[{"position": PLACE}]).values()
+    (one,) = make_predictors(receivers=[{"position": PLACE}]).values()
     place = ecef_from_geodetic(np.radians(PLACE["lat_deg"]), np.radians(PLACE["lon_deg"]), 52.0)
     expected = one.at(START)
     assert expected.mean[:3] == pytest.approx(place)
@@ -72,7 +72,7 @@ def test_a_surveyed_place_is_expected_from_the_first_moment_on():
 
 def test_the_unit_does_not_carry_an_antenna_of_unknown_arm():
     bodies = [{"name": "a", "body_m": [5.0, 0.0, 0.0]}, {"name": "b", "body_m": [2.0, 1.0, 0.0]}, {"name": "c"}]
-    found = of_platform(("a", "b", "c"), receivers=bodies, with_imu=True)
+    found = make_predictors(("a", "b", "c"), receivers=bodies, with_imu=True)
     arms_m = {name: list(value.settings.lever_m) for name, value in found.items()}
     assert arms_m == {"a": [1.0, 0.0, -2.0], "b": [-2.0, 1.0, -2.0]}
     assert found["a"].readings.gpst[0] == START + np.timedelta64(10, "ms")

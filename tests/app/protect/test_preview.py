@@ -29,13 +29,13 @@ class Listener:
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory):
-    return kit.record(kit.scenario_of(receivers=1, duration_s=20.0), tmp_path_factory.mktemp("preview"))
+def recordings(tmp_path_factory):
+    return kit.record(kit.make_scenario(receivers=1, duration_s=20.0), tmp_path_factory.mktemp("preview"))
 
 
-def test_the_first_word_comes_before_all_is_tracked(recorded, tmp_path):
+def test_the_first_word_comes_before_all_is_tracked(recordings, tmp_path):
     listener = Listener()
-    result = protect(recorded.paths, nav=recorded.nav, window_s=5.0, out=tmp_path / "out", progress=listener)
+    result = protect(recordings.paths, nav=recordings.nav, window_s=5.0, out=tmp_path / "out", progress=listener)
     examining = next(n for n, text in enumerate(listener.heard) if text.startswith("examining"))
     words = [n for n, text in enumerate(listener.heard) if text.startswith("up to ")]
     assert words[0] < examining
@@ -44,9 +44,9 @@ def test_the_first_word_comes_before_all_is_tracked(recorded, tmp_path):
     assert not [path for name in NOTES for path in (tmp_path / "out").rglob(name)]
 
 
-def test_a_look_that_fails_costs_no_run(recorded, monkeypatch):
+def test_a_look_that_fails_costs_no_run(recordings, monkeypatch):
     def fail(*_):
         raise ValueError("too little yet")
 
     monkeypatch.setattr(Preview, "_examine", fail)
-    assert protect(recorded.paths, nav=recorded.nav, window_s=5.0).verdict.verdict == "no_attack_seen"
+    assert protect(recordings.paths, nav=recordings.nav, window_s=5.0).verdict.verdict == "no_attack_seen"

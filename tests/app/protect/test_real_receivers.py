@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.app.protect.captured import captured
+from tests.app.protect.captured import capture_receiver
 
 from skyproof.app.protect import ProtectResult, protect
 from skyproof.formats.rinex_nav import get_glonass_channels, read_nav
@@ -74,12 +74,12 @@ PAIRS = {
 }
 
 
-def paths_of(pair: Pair, shared_data: Path) -> tuple[list[Path], Path]:
+def list_paths(pair: Pair, shared_data: Path) -> tuple[list[Path], Path]:
     folder = shared_data / "real" / pair.folder
     return [folder / name for name in pair.files], folder / pair.nav
 
 
-def horizontal_error_m(result: ProtectResult, receiver: int, truth: tuple[float, float, float]) -> float:
+def measure_horizontal_error_m(result: ProtectResult, receiver: int, truth: tuple[float, float, float]) -> float:
     fix = result.outcome.receivers[receiver].trusted
     assert fix is not None
     lat, lon, _ = geodetic_from_ecef(np.array(truth))
@@ -90,7 +90,7 @@ def horizontal_error_m(result: ProtectResult, receiver: int, truth: tuple[float,
 @pytest.mark.parametrize("name", PAIRS)
 def test_nothing_false_is_said_of_a_real_clean_sky(shared_data, name):
     pair = PAIRS[name]
-    paths, nav = paths_of(pair, shared_data)
+    paths, nav = list_paths(pair, shared_data)
     result = protect(paths, nav=nav, **pair.given, **pair.more)
     false = [e for e in result.outcome.evidence if e.says in ("spoofed", "attack", "multipath")]
     assert not false, [(str(e.start_gpst), e.detector, e.code) for e in false]
@@ -98,13 +98,13 @@ def test_nothing_false_is_said_of_a_real_clean_sky(shared_data, name):
     assert result.verdict.verdict == pair.says, result.verdict.summary
     assert [m.ran for m in result.verdict.methods if m.detector == "multi_receiver"] == [True]
     if pair.truth is not None:
-        assert horizontal_error_m(result, 0, pair.truth) < pair.within_m
+        assert measure_horizontal_error_m(result, 0, pair.truth) < pair.within_m
 
 
 @pytest.mark.parametrize("name", PAIRS)
 def test_nothing_false_is_said_where_nothing_is_given(shared_data, name):
     pair = PAIRS[name]
-    paths, nav = paths_of(pair, shared_data)
+    paths, nav = list_paths(pair, shared_data)
     result = protect(paths, nav=nav, **pair.more)
     assert not [e.code for e in result.outcome.evidence if e.says in ("spoofed", "attack", "multipath")]
     far = "km" in name  # than antennas may be that nothing is said of
@@ -113,13 +113,14 @@ def test_nothing_false_is_said_where_nothing_is_given(shared_data, name):
 
 
 def protect_captured(pair, shared_data, folder):
-    """Both receivers with what the first measured in the place of the second's own from its middle on; what is written
-    of the second, and the first's."""
-    paths, nav = paths_of(pair, shared_data)
+    """Run the command on a pair whose second receiver reports the first's measurements from its middle on. Return what
+    is written of the second, and the first's.
+    """
+    paths, nav = list_paths(pair, shared_data)
     navigation = read_nav(nav)
     base, rover = (read_obs(path, glonass_channels=get_glonass_channels(navigation)).observations for path in paths)
     middle = rover.gpst.size // 2 if not pair.more else 20
-    rover = captured(rover, base, middle, rng=np.random.default_rng(1))
+    rover = capture_receiver(rover, base, middle, rng=np.random.default_rng(1))
     signals = tuple(s for s in rover.signals if s.sat[0] in "GECRJ")
     path = folder / f"{paths[1].stem}.obs"
     write_obs(path, rover, signals=signals, holds="captured", marker="rover", version="test")

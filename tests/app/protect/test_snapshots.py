@@ -18,13 +18,13 @@ FRONT_END = FrontEnd(rate_hz=4_092_000, if_hz=1_023_000, kind="real", encoding="
 
 @pytest.fixture(scope="module")
 def snapshots(made_once):
-    """Folder of 64 ms of one sky, with and without a transmitter 100 m off: one bit, real, four antennas."""
+    """Record 64 ms of one sky by four antennas, one bit, real, with and without a transmitter 100 m off."""
 
     def fill(folder):
         shows, transmit = kit.ELSEWHERE.model_dump(), kit.TRANSMIT.model_dump()
         attack = {"kind": "spoofer", "shows": shows, "transmit": transmit, "power_db": 3.0, "clock_offset_s": 3e-6}
         for name, attacks in (("clean", ()), ("attacked", ({**attack, "onset_s": -1.0},))):
-            scenario = kit.array_scenario(duration_s=0.064, seed=5, attacks=attacks)
+            scenario = kit.make_array_scenario(duration_s=0.064, seed=5, attacks=attacks)
             recorded = kit.record(scenario.model_copy(update={"front_end": FRONT_END}), folder / name)
             (folder / name / "broadcast.rnx").rename(folder / name / "nav.rnx")
             table = {"name": "array", "antennas_m": [list(place) for place in kit.ELEMENTS_M]}
@@ -41,12 +41,12 @@ def snapshots(made_once):
     return made_once("snapshots", fill)
 
 
-def labels_of(result):
+def list_labels(result):
     return {(s.sat, s.copy): s.label for s in result.verdict.signals}
 
 
-def left_out(result):
-    """The antennas that a finding leaves out, each with its code."""
+def list_left_out(result):
+    """List the antennas that a finding leaves out, each with its code."""
     found = [e for e in result.outcome.evidence if e.code.startswith("antennas_")]
     return {(e.code, name) for e in found for name in e.data["antennas"]}
 
@@ -63,7 +63,7 @@ def test_a_clean_sky_without_orbits_has_several_directions(snapshots, tmp_path):
     folder = snapshots / "clean"
     result = protect(platform=folder / "one.toml", out=tmp_path / "out")
     assert result.verdict.verdict == "authentic"
-    labels = labels_of(result)
+    labels = list_labels(result)
     assert len(labels) > 6
     assert set(labels.values()) == {"authentic"}
     assert result.verdict.receivers[0].trusted_fix is None
@@ -74,14 +74,14 @@ def test_a_clean_sky_without_orbits_has_several_directions(snapshots, tmp_path):
 def test_one_transmitter_is_named_without_orbits(snapshots):
     result = protect(platform=snapshots / "attacked" / "one.toml")
     assert result.verdict.verdict == "spoofed"
-    assert {copy for (_, copy), label in labels_of(result).items() if label == "spoofed"} == {"a"}  # the stronger
+    assert {copy for (_, copy), label in list_labels(result).items() if label == "spoofed"} == {"a"}  # the stronger
 
 
 def test_one_transmitter_is_named_and_the_true_place_found(snapshots):
     folder = snapshots / "attacked"
     result = protect(platform=folder / "platform.toml", nav=folder / "nav.rnx")
     assert result.verdict.verdict == "spoofed"
-    labels = labels_of(result)
+    labels = list_labels(result)
     assert {label for (_, copy), label in labels.items() if copy == "a"} == {"spoofed"}
     assert {label for (_, copy), label in labels.items() if copy == "b"} == {"authentic"}
     fix = result.verdict.receivers[0].trusted_fix
@@ -116,13 +116,13 @@ def test_an_antenna_that_fails_is_left_out_and_reported(snapshots, tmp_path, fai
         (tmp_path / name).write_text((snapshots / "clean" / name).read_text())
     result = protect(platform=tmp_path / "one.toml", nav=snapshots / "clean" / "nav.rnx")
     assert result.verdict.verdict == "authentic"
-    assert set(labels_of(result).values()) == {"authentic"}
-    assert left_out(result) == {("antennas_silent", "3")}
+    assert set(list_labels(result).values()) == {"authentic"}
+    assert list_left_out(result) == {("antennas_silent", "3")}
     assert any("antenna 3 " in r for r in result.verdict.inputs[0].all_remarks)
 
 
-def with_planes(snapshots, folder, planes):
-    """A platform file of these samples, otherwise as the clean ones."""
+def write_with_planes(snapshots, folder, planes):
+    """Write a platform file of these samples, otherwise as the clean ones."""
     np.save(folder / "whole.npy", planes)
     for name in ("whole.toml", "one.toml"):
         (folder / name).write_text((snapshots / "clean" / name).read_text())
@@ -135,7 +135,7 @@ def with_planes(snapshots, folder, planes):
 def test_an_attack_that_begins_within_is_not_passed_over(snapshots, tmp_path, begun, with_orbits):
     clean, attacked = (np.load(snapshots / name / "whole.npy") for name in ("clean", "attacked"))
     count = round(begun * clean.shape[1])
-    platform = with_planes(snapshots, tmp_path, np.hstack([clean[:, :count], attacked[:, count:]]))
+    platform = write_with_planes(snapshots, tmp_path, np.hstack([clean[:, :count], attacked[:, count:]]))
     result = protect(platform=platform, nav=snapshots / "clean" / "nav.rnx" if with_orbits else None)
     findings = [e for e in result.outcome.evidence if e.detector == "snapshot"]
     assert findings[0].code == "changes"
@@ -147,7 +147,7 @@ def test_an_attack_that_begins_within_is_not_passed_over(snapshots, tmp_path, be
 def test_an_antenna_late_by_milliseconds_is_left_out(snapshots, tmp_path, late_ms):
     planes = np.load(snapshots / "attacked" / "whole.npy")
     planes[1] = np.roll(planes[1], -4092 * late_ms)
-    result = protect(platform=with_planes(snapshots, tmp_path, planes), nav=snapshots / "clean" / "nav.rnx")
+    result = protect(platform=write_with_planes(snapshots, tmp_path, planes), nav=snapshots / "clean" / "nav.rnx")
     remarks = " ".join(result.verdict.inputs[0].all_remarks)
     how, whose = ("after", "the other antennas") if late_ms > 0 else ("before", "antenna 2")
     assert re.search(rf"\bantenna 2 \w+ {abs(late_ms)} ms {how} ", remarks)
@@ -164,12 +164,12 @@ def test_a_dead_file_among_antennas_is_left_out_and_reported(snapshots, tmp_path
     dead.write_bytes(bytes(dead.stat().st_size))
     result = protect(platform=tmp_path / "platform.toml", nav=folder / "nav.rnx", out=tmp_path / "out")
     assert result.verdict.verdict == "spoofed"
-    labels = labels_of(result)
+    labels = list_labels(result)
     assert {copy for (_, copy), label in labels.items() if label == "spoofed"} == {"a"}
     assert {copy for (_, copy), label in labels.items() if label == "authentic"} == {"b"}
     assert (tmp_path / "out" / "report.html").is_file()
     assert build_pictures(result.outcome).profiles  # of antenna 2
-    assert left_out(result) == {("antennas_silent", "1")}
+    assert list_left_out(result) == {("antennas_silent", "1")}
     remarks = [remark for note in result.verdict.inputs for remark in note.all_remarks]
     assert any("antenna 1: " in r for r in remarks)
 
@@ -207,7 +207,7 @@ def test_an_attitude_of_another_day_is_reported_and_not_used(snapshots, tmp_path
     (tmp_path / "platform.toml").write_text(text + tomli_w.dumps(attitude))
     result = protect(platform=tmp_path / "platform.toml", nav=folder / "nav.rnx")
     assert result.verdict.verdict == "authentic"
-    assert set(labels_of(result).values()) == {"authentic"}
+    assert set(list_labels(result).values()) == {"authentic"}
     remarks = [remark for note in result.verdict.inputs for remark in note.all_remarks]
     assert any("2024-05-13" in remark for remark in remarks)
 

@@ -13,26 +13,26 @@ FRONT_END = FrontEnd(rate_hz=RATE_HZ, bandwidth_hz=1.28e6, encoding="int", bits=
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory):
-    scenario = kit.scenario_of(duration_s=SECONDS, front_end=FRONT_END)
+def recordings(tmp_path_factory):
+    scenario = kit.make_scenario(duration_s=SECONDS, front_end=FRONT_END)
     return kit.record(scenario, tmp_path_factory.mktemp("spans"))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("from_s", "to_s"), [(0.0, 7.5), (0.0, 12.0), (0.0, 20.0), (14.0, SECONDS), (21.0, SECONDS)])
 @pytest.mark.parametrize("which", [0, 1])
-def test_only_the_span_that_both_received_is_tested(recorded, tmp_path, from_s, to_s, which):
-    paths = list(recorded.paths)
+def test_only_the_span_that_both_received_is_tested(recordings, tmp_path, from_s, to_s, which):
+    paths = list(recordings.paths)
     samples = np.fromfile(paths[which], np.int8)
     paths[which] = tmp_path / paths[which].name
     samples[2 * int(from_s * RATE_HZ) : 2 * int(to_s * RATE_HZ)].tofile(paths[which])
-    described = recorded.paths[which].with_suffix(".toml").read_text(encoding="utf-8")
+    described = recordings.paths[which].with_suffix(".toml").read_text(encoding="utf-8")
     lines = [line for line in described.splitlines() if not line.startswith("start_gpst")]
     paths[which].with_suffix(".toml").write_text("\n".join(lines), encoding="utf-8")
-    result = protect(paths, nav=recorded.nav, antenna_distance_m=kit.DISTANCE_M, out=tmp_path / "out")
+    result = protect(paths, nav=recordings.nav, antenna_distance_m=kit.DISTANCE_M, out=tmp_path / "out")
     decision = result.outcome.decision
     assert decision.verdict == "authentic"
-    other = recorded.paths[1 - which].stem
+    other = recordings.paths[1 - which].stem
     ((alone, seconds),) = decision.alone_s
     assert alone == other
     assert seconds == pytest.approx(SECONDS - (to_s - from_s), abs=1.0)

@@ -13,7 +13,7 @@ AMPLITUDE = 60.0
 PRN = 7
 
 
-def grid(second_chips, second_db, second_deg, rng, n=4):
+def make_grid(second_chips, second_db, second_deg, rng, n=4):
     taps = np.arange(-5.0, 6.0) * 0.3
     sizes = np.array([1.0, 10.0 ** (second_db / 20.0) * np.exp(1j * np.radians(second_deg))])
     seen = autocorrelate_code(GPS_L1_CA, PRN, taps[:, None] - np.array([0.1, 0.1 + second_chips]), BAND_HZ) @ sizes
@@ -41,7 +41,7 @@ def grid(second_chips, second_db, second_deg, rng, n=4):
 @pytest.mark.parametrize(("chips", "db", "deg"), [(-0.5, -6.0, 120.0), (0.7, -3.0, -60.0), (0.4, -9.0, 90.0)])
 def test_a_second_signal_is_drawn_with_its_delay_power_and_phase(chips, db, deg):
     rng = np.random.default_rng(3)
-    (drawn,) = _decompose_epoch(grid(chips, db, deg, rng), np.arange(4), 1.0)
+    (drawn,) = _decompose_epoch(make_grid(chips, db, deg, rng), np.arange(4), 1.0)
     assert drawn.second_chips == pytest.approx(chips, abs=0.08)
     assert drawn.second_db == pytest.approx(db, abs=1.5)
     assert drawn.second_deg == pytest.approx(deg, abs=12.0)
@@ -52,4 +52,4 @@ def test_a_second_signal_is_drawn_with_its_delay_power_and_phase(chips, db, deg)
 
 
 def test_one_signal_alone_is_not_drawn():
-    assert not _decompose_epoch(grid(0.5, -200.0, 0.0, np.random.default_rng(3)), np.arange(4), 1.0)
+    assert not _decompose_epoch(make_grid(0.5, -200.0, 0.0, np.random.default_rng(3)), np.arange(4), 1.0)

@@ -54,8 +54,8 @@ def test_two_logs_are_as_good_as_two_observation_files(tmp_path, name, word) -> 
 
 
 @pytest.fixture(scope="module")
-def log_of_a_scene(tmp_path_factory):
-    """One receiver's log with its messages, and the orbits that they are made of."""
+def scene_log(tmp_path_factory):
+    """Write one receiver's log with its messages, and return the orbits that these are made of."""
     made = override(read_ready_made("clean"), seed=None, duration_s=60.0)
     navigation = make_navigation(made)
     observations, _ = draw(make_ideal_measurements(make_scene(made, navigation)), rng=np.random.default_rng(1))
@@ -64,8 +64,8 @@ def log_of_a_scene(tmp_path_factory):
     return path, navigation
 
 
-def by_file_of_before(log_of_a_scene, folder, hours: float, late_s: float = 0.0):
-    """Protect the log with a navigation file of so many hours before, whose clocks are late by so much."""
+def protect_with_old_file(log_of_a_scene, folder, hours: float, late_s: float = 0.0):
+    """Run the command with a navigation file of so many hours before, whose clocks are late by so much."""
     path, navigation = log_of_a_scene
     before = [hours_later(replace(e, af0=e.af0 + late_s), -hours) for e in navigation.ephemerides]
     write_nav(folder / "nav.rnx", NavigationData(ephemerides=tuple(before)))
@@ -73,12 +73,12 @@ def by_file_of_before(log_of_a_scene, folder, hours: float, late_s: float = 0.0)
 
 
 @pytest.mark.parametrize(("late_s", "code"), [(0.0, "of_day_expected"), (2e-6, "of_day_odd")])
-def test_a_log_goes_on_from_a_file_of_the_day_before(log_of_a_scene, tmp_path, late_s, code) -> None:
-    result = by_file_of_before(log_of_a_scene, tmp_path, 12.0, late_s)
+def test_a_log_goes_on_from_a_file_of_the_day_before(scene_log, tmp_path, late_s, code) -> None:
+    result = protect_with_old_file(scene_log, tmp_path, 12.0, late_s)
     assert code in {e.code for e in result.outcome.evidence if e.detector == "messages"}
     assert result.verdict.verdict == ("suspect" if late_s else "no_attack_seen")
 
 
-def test_a_file_of_another_week_is_refused(log_of_a_scene, tmp_path) -> None:
+def test_a_file_of_another_week_is_refused(scene_log, tmp_path) -> None:
     with pytest.raises(InputError, match="give the navigation file of that day"):
-        by_file_of_before(log_of_a_scene, tmp_path, 7 * 24.0)
+        protect_with_old_file(scene_log, tmp_path, 7 * 24.0)

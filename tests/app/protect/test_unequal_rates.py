@@ -11,8 +11,8 @@ from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 APART_M = 20.0
 
 
-def every(o: Observations, number: int) -> Observations:
-    """Return every so-manieth epoch."""
+def take_every(o: Observations, number: int) -> Observations:
+    """Return every n-th epoch."""
     return o.select(np.arange(0, o.gpst.size, number))
 
 
@@ -37,6 +37,6 @@ def test_rates_change_no_answer(tmp_path, step_s, numbers, seconds, false, word)
         false=false,
     )
     for o, number in zip(scene.records(np.random.default_rng(1)).observations, numbers, strict=True):
-        write_log(every(o, number), scene, tmp_path / f"{o.receiver}.ubx")
+        write_log(take_every(o, number), scene, tmp_path / f"{o.receiver}.ubx")
     logs = [tmp_path / "rx1.ubx", tmp_path / "rx2.ubx"]
     assert protect(logs, antenna_distance_m=APART_M).verdict.verdict == word

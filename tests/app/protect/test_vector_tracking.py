@@ -12,8 +12,8 @@ from skyproof.simulator.scenario import FrontEnd, SceneImu, SceneReceiver
 from skyproof.simulator.sky import make_scene
 
 
-def judged(folder, **changes):
-    """The scene with one false satellite of six, 24 s at a low rate, through `protect`."""
+def judge_scene(folder, **changes):
+    """Run the command on 24 s of the scene with one false satellite of six, at a low rate."""
     front_end = FrontEnd(rate_hz=2.6e6, bandwidth_hz=2.4e6, encoding="sign-magnitude", bits=2)
     scene = scenes.read_ready_made("vector-one-spoofer").model_copy(
         update={"duration_s": 24.0, "front_end": front_end, **changes}
@@ -26,7 +26,7 @@ def judged(folder, **changes):
 
 @pytest.mark.long
 def test_the_false_satellite_is_named_and_no_true_one(tmp_path):
-    result, said = judged(tmp_path)
+    result, said = judge_scene(tmp_path)
     assert said
     assert all(item.failed and item.data["suspects"] == ("G02 L1 CA a",) for item in said)
     (method,) = [item for item in result.verdict.methods if item.detector == "vector_sqm"]
@@ -39,7 +39,7 @@ def test_the_false_satellite_is_named_and_no_true_one(tmp_path):
 def test_a_clean_sky_of_the_same_satellites_fits(tmp_path):
     scene = scenes.read_ready_made("vector-one-spoofer")
     sky = scene.sky.model_copy(update={"sats": tuple(item.sat for item in scene.sky.directions)})
-    _, said = judged(tmp_path, attacks=(), sky=sky)
+    _, said = judge_scene(tmp_path, attacks=(), sky=sky)
     assert [item.says for item in said] == ["clean"] * len(said)
     assert said
 

@@ -21,10 +21,10 @@ APART_M = float(np.linalg.norm(ENU_M["stern"]))
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory):
-    """Half a minute of two receivers and their orbits, in files."""
+def files(tmp_path_factory):
+    """Write half a minute of two receivers and their orbits."""
     folder = tmp_path_factory.mktemp("recorded")
-    navigation, observations = kit.measured(31.0)
+    navigation, observations = kit.simulate_measurements(31.0)
     for o in observations:
         write_obs(
             folder / f"{o.receiver}.obs", o, signals=o.signals, holds="simulated", marker=o.receiver, version="test"
@@ -38,7 +38,7 @@ def place(receiver, **other):
     return {**keys, **{key: float(value) for key, value in other.items()}}
 
 
-def judged(folder: Path, tmp_path: Path, positions) -> object:
+def judge_files(folder: Path, tmp_path: Path, positions) -> object:
     receivers = [
         {"name": item.name, "inputs": [str(folder / f"{item.name}.obs")], "position": position}
         for item, position in zip((BOW, STERN), positions, strict=True)
@@ -48,8 +48,8 @@ def judged(folder: Path, tmp_path: Path, positions) -> object:
     return protect(nav=folder / "nav.rnx", platform=platform).verdict
 
 
-def test_positions_as_they_are_make_a_clean_sky_authentic(recorded, tmp_path):
-    verdict = judged(recorded[0], tmp_path, [place(BOW), place(STERN)])
+def test_positions_as_they_are_make_a_clean_sky_authentic(files, tmp_path):
+    verdict = judge_files(files[0], tmp_path, [place(BOW), place(STERN)])
     assert verdict.verdict == "authentic"
     assert verdict.wrong_statements == ()
 
@@ -64,8 +64,8 @@ def test_positions_as_they_are_make_a_clean_sky_authentic(recorded, tmp_path):
     ],
     ids=["sea level", "feet", "ground", "any"],
 )
-def test_one_position_that_is_wrong_is_named(recorded, tmp_path, wrong, code):
-    verdict = judged(recorded[0], tmp_path, [place(BOW), place(STERN, **wrong)])
+def test_one_position_that_is_wrong_is_named(files, tmp_path, wrong, code):
+    verdict = judge_files(files[0], tmp_path, [place(BOW), place(STERN, **wrong)])
     assert verdict.verdict == "suspect"
     assert {s.label for s in verdict.signals} <= {"unknown"}
     named = [item for item in verdict.wrong_statements if item.about in ("position of stern", "antennas_enu_m")]
@@ -75,8 +75,8 @@ def test_one_position_that_is_wrong_is_named(recorded, tmp_path, wrong, code):
 @pytest.mark.parametrize(
     ("factor", "code"), [(1.0 / 0.3048, "feet"), (2.0, "twice"), (100.0, "centimetres"), (1.4, "wrong_statement")]
 )
-def test_a_wrong_distance_is_named(recorded, factor, code):
-    folder, _ = recorded
+def test_a_wrong_distance_is_named(files, factor, code):
+    folder, _ = files
     paths = [folder / f"{item.name}.obs" for item in (BOW, STERN)]
     verdict = protect(paths, nav=folder / "nav.rnx", antenna_distance_m=factor * APART_M).verdict
     assert verdict.verdict == "suspect"
@@ -84,9 +84,9 @@ def test_a_wrong_distance_is_named(recorded, factor, code):
 
 
 @pytest.mark.parametrize("hours", [-1, 1, 9])
-def test_edited_dates_of_some_orbits_leave_those_out(recorded, tmp_path, hours):
+def test_edited_dates_of_some_orbits_leave_those_out(files, tmp_path, hours):
     # The times of clock of every second satellite are moved, the times of ephemeris are not.
-    folder, navigation = recorded
+    folder, navigation = files
     moved = [
         replace(item, toc=item.toc + 3600.0 * hours) if number % 2 else item
         for number, item in enumerate(navigation.ephemerides)
@@ -100,8 +100,8 @@ def test_edited_dates_of_some_orbits_leave_those_out(recorded, tmp_path, hours):
 
 
 @pytest.mark.parametrize("wrong", ["unhealthy", "no orbits"])
-def test_satellites_whose_orbits_are_not_usable_are_named(recorded, tmp_path, wrong):
-    folder, navigation = recorded
+def test_satellites_whose_orbits_are_not_usable_are_named(files, tmp_path, wrong):
+    folder, navigation = files
     out = sorted({e.sat for e in navigation.ephemerides})[::4]
     kept = [e for e in navigation.ephemerides if wrong == "unhealthy" or e.sat not in out]
     ill = [replace(e, health=63) if e.sat in out else e for e in kept]
@@ -115,16 +115,16 @@ def test_satellites_whose_orbits_are_not_usable_are_named(recorded, tmp_path, wr
 
 @pytest.mark.parametrize("who", [("bow",), ("bow", "stern")], ids=["one", "both"])
 @pytest.mark.parametrize("late_s", [0.1, 0.4, -18.0])
-def test_epoch_times_that_do_not_fit_the_ranges_are_corrected(recorded, tmp_path, late_s, who):
+def test_epoch_times_that_do_not_fit_the_ranges_are_corrected(files, tmp_path, late_s, who):
     # As in UTC, which is 18 s behind GPS time.
-    _, observations = kit.measured(31.0)
+    _, observations = kit.simulate_measurements(31.0)
     paths = []
     for o in observations:
         late_ns = np.timedelta64(round(late_s * 1e9) if o.receiver in who else 0, "ns")
         paths.append(tmp_path / f"{o.receiver}.obs")
         later = replace(o, gpst=o.gpst + late_ns)
         write_obs(paths[-1], later, signals=o.signals, holds="simulated", marker=o.receiver, version="test")
-    verdict = protect(paths, nav=recorded[0] / "nav.rnx", antenna_distance_m=APART_M).verdict
+    verdict = protect(paths, nav=files[0] / "nav.rnx", antenna_distance_m=APART_M).verdict
     assert verdict.verdict == "authentic"
     for one in verdict.inputs[:2]:
         remarks = [words for words in one.left_out if "ranges fit the orbits" in words]
@@ -132,14 +132,14 @@ def test_epoch_times_that_do_not_fit_the_ranges_are_corrected(recorded, tmp_path
         assert all(("UTC" in words) == (late_s == -18.0) for words in remarks)
 
 
-def test_epochs_whose_times_stray_are_left_out(recorded, tmp_path):
-    _, (bow, _) = kit.measured(31.0)
+def test_epochs_whose_times_stray_are_left_out(files, tmp_path):
+    _, (bow, _) = kit.simulate_measurements(31.0)
     late_ns = np.zeros(bow.gpst.size, "m8[ns]")
     late_ns[[3, 4, 11, 20, 27]] = np.array([300, -200, 90, -380, 150]) * np.timedelta64(1_000_000, "ns")
     strays = replace(bow, gpst=bow.gpst + late_ns)
     write_obs(tmp_path / "bow.obs", strays, signals=bow.signals, holds="simulated", marker="bow", version="test")
-    paths = [tmp_path / "bow.obs", recorded[0] / "stern.obs"]
-    verdict = protect(paths, nav=recorded[0] / "nav.rnx", antenna_distance_m=APART_M).verdict
+    paths = [tmp_path / "bow.obs", files[0] / "stern.obs"]
+    verdict = protect(paths, nav=files[0] / "nav.rnx", antenna_distance_m=APART_M).verdict
     assert verdict.verdict in ("authentic", "no_attack_seen")
     assert any(words.startswith("5 epochs ") for words in verdict.inputs[0].left_out)
 

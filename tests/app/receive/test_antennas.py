@@ -16,8 +16,8 @@ from skyproof.records import Observations, SampleGap, Samples
 START = np.datetime64("2024-05-14T09:59:58", "ns")
 
 
-def reception(*paths):
-    """The receiver of the four antennas, tracked."""
+def track_antennas(*paths):
+    """Track the receiver of the four antennas."""
     (source,) = open_inputs([tuple(paths)], Settings(), None, ["array"])
     (tracker,), _ = track([source], Settings())
     return observe(tracker, None)
@@ -25,12 +25,12 @@ def reception(*paths):
 
 @pytest.fixture(scope="module")
 def of_files(array_files):
-    return reception(*array_files.raw)
+    return track_antennas(*array_files.raw)
 
 
 @pytest.mark.long
 def test_antennas_in_one_file_measure_as_in_files_of_their_own(of_files, array_files):
-    apart, together = of_files.antennas, reception(array_files.sigmf).antennas
+    apart, together = of_files.antennas, track_antennas(array_files.sigmf).antennas
     assert len(apart) == len(together) == 4
     for one, two in zip(apart, together, strict=True):
         assert one.signals == two.signals
@@ -54,7 +54,7 @@ def test_the_first_antenna_stands_for_the_receiver(of_files):
     assert of_files.array_phases is None  # nobody said where they are
 
 
-def samples(**given):
+def make_samples(**given):
     rng = np.random.default_rng(len(str(given)))
     values = rng.normal(size=(2, 1000)).astype(np.float32)
     one = Samples(
@@ -85,18 +85,18 @@ def samples(**given):
 )
 def test_antennas_that_are_not_in_step_are_refused(key, value, words):
     with pytest.raises(InputError, match=words):
-        in_step([samples(), samples(path="two.bin", **{key: value})], "rx")
+        in_step([make_samples(), make_samples(path="two.bin", **{key: value})], "rx")
 
 
 def test_a_start_that_only_one_states_holds_for_all():
-    source = in_step([samples(start_gpst=None), samples(path="two.bin")], "rx")
+    source = in_step([make_samples(start_gpst=None), make_samples(path="two.bin")], "rx")
     assert (source.name, source.start_gpst, source.antenna) == ("rx", START, "1")
     assert [other.antenna for other in source.others] == ["2"]
     assert source.read_all(0, 1000).shape == (2, 2, 1000)
 
 
 def test_remarks_name_the_antenna_unless_they_are_of_all():
-    first, second = samples(remarks=("cut", "loud"), antenna="mast"), samples(remarks=("cut",), antenna="bow")
+    first, second = make_samples(remarks=("cut", "loud"), antenna="mast"), make_samples(remarks=("cut",), antenna="bow")
     assert in_step([first, second], "rx").remarks == ("cut", "antenna mast: loud")
 
 

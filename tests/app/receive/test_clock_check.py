@@ -23,7 +23,7 @@ RATE_HZ = 2.6e6
 
 
 @cache
-def recorded(duration_s: float, seed: int = 0):
+def record(duration_s: float, seed: int = 0):
     scenario = scenes.make_clean(
         PLACE, START, duration_s=duration_s, receivers=1, mask_deg=15.0, seed=seed, front_end=FrontEnd(rate_hz=RATE_HZ)
     )
@@ -32,17 +32,17 @@ def recorded(duration_s: float, seed: int = 0):
     return replace(samples, read=lambda start, count: planes[:, start : start + count])
 
 
-def wrong(samples, ppm):
+def misstate_rate(samples, ppm):
     return replace(samples, rate_hz=RATE_HZ * (1.0 + ppm * 1e-6))
 
 
-def tracked(samples):
+def run_tracking(samples):
     trackers, _ = track([samples], Settings())
     return trackers[0]
 
 
 def check_followed(ppm, samples):
-    tracker = tracked(wrong(samples, ppm))
+    tracker = run_tracking(misstate_rate(samples, ppm))
     assert tracker.samples.rate_hz == pytest.approx(RATE_HZ, rel=2e-8)
     assert tracker.given.rate_hz == RATE_HZ * (1.0 + ppm * 1e-6)
     signals = {arc.signal for arc in tracker.arcs.values()}
@@ -57,28 +57,28 @@ def check_followed(ppm, samples):
 
 @pytest.mark.long
 def test_a_rate_that_loses_all_signals_is_corrected():
-    check_followed(10.0, recorded(3.2))
+    check_followed(10.0, record(3.2))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("ppm", [-100.0, -30.0, -10.0, -3.0, -1.0, -0.1, 0.1, 1.0, 3.0, 30.0, 100.0])
 def test_signals_are_followed_at_any_rate_that_is_given_wrong(ppm):
-    check_followed(ppm, recorded(6.0))
+    check_followed(ppm, record(6.0))
 
 
 @pytest.mark.long
 def test_right_rates_are_left_alone():
     for seed in range(1, 25):
-        samples = recorded(3.2, seed)
-        assert tracked(samples).given is None
+        samples = record(3.2, seed)
+        assert run_tracking(samples).given is None
         assert inspect_recording(samples).given is None
-        recorded.cache_clear()
+        record.cache_clear()
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("ppm", [100.0, -30.0])
 def test_an_inspection_reads_at_the_rate_that_it_measures(ppm):
-    found = inspect_recording(wrong(recorded(0.5), ppm))
+    found = inspect_recording(misstate_rate(record(0.5), ppm))
     assert found.samples.rate_hz == pytest.approx(RATE_HZ, rel=1e-7)
     assert len(found.satellites) >= 7
     assert "rate_hz" in found.remarks[0]
@@ -87,14 +87,14 @@ def test_an_inspection_reads_at_the_rate_that_it_measures(ppm):
 
 @pytest.mark.long
 def test_a_carrier_that_is_given_wrong_is_no_rate():
-    found = inspect_recording(replace(recorded(0.5), if_hz=6000.0))
+    found = inspect_recording(replace(record(0.5), if_hz=6000.0))
     assert found.samples.rate_hz == RATE_HZ
     assert abs(found.samples.if_hz) < 100.0
     assert "if_hz = 6000 is" in found.remarks[0]
 
 
 def test_what_is_only_too_short_is_not_called_badly_read():
-    trackers, _ = track([recorded(0.5)], Settings())
+    trackers, _ = track([record(0.5)], Settings())
     with pytest.raises(NotEnoughData, match=r"\b0\.5 s\b") as refused:
         require_signals(trackers)
     assert "check rate_hz" not in str(refused.value)

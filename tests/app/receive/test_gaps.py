@@ -24,22 +24,22 @@ WRONG_M = 30.0  # more than noise, the filter of the code loop and multipath mak
 
 @pytest.fixture(scope="module")
 def sky():
-    """24 s of a clean sky in two-bit samples, in memory, and the scene."""
-    scenario = kit.scenario_of(
+    """Render 24 s of a clean sky to two-bit samples in memory, and return them with the scene."""
+    scenario = kit.make_scenario(
         receivers=1, duration_s=24.0, front_end=FrontEnd(rate_hz=RATE_HZ, encoding="sign-magnitude", bits=2)
     )
     navigation = make_nominal_constellation(scenario.start_gpst)
     (samples,) = render_samples(scenario, navigation)
     planes = samples.read(0, samples.n_samples).astype(np.int8)
-    return replace(samples, read=reader(planes)), make_scene(scenario, navigation), navigation
+    return replace(samples, read=make_reader(planes)), make_scene(scenario, navigation), navigation
 
 
-def reader(planes):
+def make_reader(planes):
     return lambda start, count: planes[:, start : start + count].astype(np.float32)
 
 
-def without(samples: Samples, missing: int, *, reported: bool = False) -> Samples:
-    """The recording without so many samples from `CUT_S` on."""
+def remove_samples(samples: Samples, missing: int, *, reported: bool = False) -> Samples:
+    """Remove so many samples of the recording from `CUT_S` on."""
     at = int(CUT_S * RATE_HZ)
 
     def read(start, count):
@@ -51,13 +51,14 @@ def without(samples: Samples, missing: int, *, reported: bool = False) -> Sample
     return replace(samples, read=read, n_samples=samples.n_samples - missing, gaps=gaps)
 
 
-def received(samples, navigation):
+def receive(samples, navigation):
     (tracker,), _ = track([samples], Settings())
     return observe(tracker, navigation)
 
 
-def range_errors_m(o, scene, missing_s):
-    """(n_epochs, n_signals) of pseudoranges, what all share in an epoch taken off: the clock may step at a gap.
+def measure_range_errors_m(o, scene, missing_s):
+    """Measure errors of pseudoranges, (n_epochs, n_signals), less what all share in an epoch. The clock may step at a
+    gap. missing_s : by so much the samples after the cut are older than their number says.
 
     missing_s : by so much the samples after the cut are older than their number says.
     """
@@ -73,11 +74,11 @@ def range_errors_m(o, scene, missing_s):
 
 
 def assert_bridged(reception, scene, missing_s, back_s):
-    """Letters kept, no wrong range at any time, and all there again `back_s` after the cut."""
+    """Check that letters stay, that no range is ever wrong, and that all are back `back_s` after the cut."""
     o = reception.observations
     assert {signal.copy for signal in o.signals} == {"a"}
     assert len(o.signals) >= 8
-    errors_m = range_errors_m(o, scene, missing_s)
+    errors_m = measure_range_errors_m(o, scene, missing_s)
     assert np.nanmax(np.abs(errors_m)) < WRONG_M
     after = o.elapsed_s > CUT_S + back_s
     assert after.sum() > 5

@@ -18,18 +18,18 @@ from skyproof.remarks import Remark, RemarkKind
 WALK = "real/imu-gnss-walk/gnss_1730.ubx"
 
 
-def epochs(count: int) -> bytes:
+def make_epochs(count: int) -> bytes:
     return b"".join(rawx(100.0 + k, 2300, [gps(2000 + 1000 * k)]) + hardware(90, 4000, 0, 1) for k in range(count))
 
 
-def opened(path, navigation=None):
+def open_log(path, navigation=None):
     (source,) = open_inputs([path], Settings(), navigation)
     return source
 
 
 @pytest.mark.shared_data
 def test_a_real_log_gives_measurements_orbits_and_fixes(shared_data) -> None:
-    source = opened(shared_data / WALK)
+    source = open_log(shared_data / WALK)
     assert source.observations.gpst.size == 536
     assert {e.sat[0] for e in source.decoded.ephemerides} == set("GEC")
     assert source.own.fixes.gpst.size == 536
@@ -38,8 +38,8 @@ def test_a_real_log_gives_measurements_orbits_and_fixes(shared_data) -> None:
 
 def test_a_log_is_known_by_its_content(tmp_path) -> None:
     path = tmp_path / "noted.bin"
-    path.write_bytes(b"started\r\n" + epochs(5) + pvt(104_000, (2024, 2, 4)))
-    source = opened(path)
+    path.write_bytes(b"started\r\n" + make_epochs(5) + pvt(104_000, (2024, 2, 4)))
+    source = open_log(path)
     assert source.observations.gpst.size == 5
     assert source.own.levels.gpst.size == 5
     assert source.own.fixes.gpst.size == 1
@@ -47,10 +47,10 @@ def test_a_log_is_known_by_its_content(tmp_path) -> None:
 
 def test_a_cut_log_says_so_and_damage_is_counted(tmp_path) -> None:
     path = tmp_path / "a.ubx"
-    octets = bytearray(epochs(6))
+    octets = bytearray(make_epochs(6))
     octets[40] ^= 0xFF
     path.write_bytes(octets[:-7])
-    kinds = [Remark.kind_of(remark) for remark in opened(path).remarks]
+    kinds = [Remark.kind_of(remark) for remark in open_log(path).remarks]
     assert RemarkKind.CUT in kinds
     assert RemarkKind.BEARS in kinds
 
@@ -59,7 +59,7 @@ def test_impossible_cells_of_a_log_are_left_out(tmp_path) -> None:
     path = tmp_path / "a.ubx"
     cycles = (0, 6, 0, 0, 1.1e8, 1.1e8, -500.0, 9000, 44, 7)
     path.write_bytes(b"".join(rawx(100.0 + k, 2300, [gps(9000), cycles]) for k in range(4)))
-    o = opened(path).observations.read(0, 4)
+    o = open_log(path).observations.read(0, 4)
     column = [signal.sat for signal in o.signals].index("G06")
     assert np.isnan(o.pseudorange_m[:, column]).all()
     assert np.isfinite(o.pseudorange_m[:, 1 - column]).all()
@@ -69,19 +69,19 @@ def test_a_log_without_measurements_says_what_to_log(tmp_path) -> None:
     path = tmp_path / "a.ubx"
     path.write_bytes(pvt(104_000, (2024, 2, 4)) * 9)
     with pytest.raises(InputError, match="UBX-RXM-RAWX"):
-        opened(path)
+        open_log(path)
 
 
 def test_a_phones_text_is_a_log_with_the_multipath_of_phones(tmp_path) -> None:
     path = tmp_path / "a.txt"
     path.write_text(HEADER + "".join(raw_line(Measured().at(k)) for k in range(4)))
-    source = opened(path)
+    source = open_log(path)
     assert source.observations.gpst.size == 4
     assert adopt_antenna_multipath(Settings(), [source]).multipath_sigma_m == 15.0
     assert adopt_antenna_multipath(Settings(multipath_sigma_m=2.0), [source]).multipath_sigma_m == 2.0
     walk = tmp_path / "a.ubx"
-    walk.write_bytes(epochs(5))
-    assert adopt_antenna_multipath(Settings(), [opened(walk)]).multipath_sigma_m == 1.0
+    walk.write_bytes(make_epochs(5))
+    assert adopt_antenna_multipath(Settings(), [open_log(walk)]).multipath_sigma_m == 1.0
 
 
 def test_a_phones_text_without_measurements_says_so(tmp_path) -> None:
@@ -112,24 +112,24 @@ def test_a_log_without_a_week_asks_for_orbits(tmp_path) -> None:
     path = tmp_path / "a.rtcm3"
     path.write_bytes(b"".join(simple(1000 * k) for k in range(5)))
     with pytest.raises(InputError, match=r"\bweek.*--nav"):
-        opened(path)
+        open_log(path)
 
 
 def test_orbits_beside_a_log_say_its_week(tmp_path) -> None:
     path = tmp_path / "a.rtcm3"
     path.write_bytes(b"".join(simple(602_000_000 + 1000 * k) for k in range(5)))
     navigation = make_nominal_constellation(np.datetime64("2022-01-01T22:00:00", "ns"))
-    assert opened(path, navigation).start_gpst == np.datetime64("2022-01-01T23:13:20", "ns")
+    assert open_log(path, navigation).start_gpst == np.datetime64("2022-01-01T23:13:20", "ns")
 
 
 def test_another_protocol_in_the_log_says_its_week(tmp_path) -> None:
     path = tmp_path / "a.log"
     path.write_bytes(b"".join(simple(100_000 + 1000 * k) for k in range(5)) + pvt(104_000, (2024, 2, 4)))
-    assert opened(path).start_gpst == np.datetime64("2024-02-04T00:01:40", "ns")
+    assert open_log(path).start_gpst == np.datetime64("2024-02-04T00:01:40", "ns")
 
 
-def sentences(count: int, *, jump_from: int = 10**6) -> bytes:
-    """Return a receiver that stands, or whose place jumps to 5 minutes of arc farther north at a sentence."""
+def write_sentences(count: int, *, jump_from: int = 10**6) -> bytes:
+    """Write sentences of a receiver that stands, or whose place jumps by 5 minutes of arc to the north."""
     return b"".join(
         rmc(f"1200{k:02d}.00", "050224")
         + gga(f"1200{k:02d}.00", lat="4735.0000000" if k >= jump_from else "4730.0000000")
@@ -140,7 +140,7 @@ def sentences(count: int, *, jump_from: int = 10**6) -> bytes:
 
 def test_sentences_alone_are_no_attack_seen_and_name_the_lack(tmp_path) -> None:
     path = tmp_path / "a.nmea"
-    path.write_bytes(sentences(40))
+    path.write_bytes(write_sentences(40))
     verdict = protect([path], out=tmp_path / "out").verdict
     assert verdict.verdict == "no_attack_seen"
     assert any("no ranges" in words for words in verdict.not_excluded)
@@ -150,7 +150,7 @@ def test_sentences_alone_are_no_attack_seen_and_name_the_lack(tmp_path) -> None:
 
 def test_sentences_that_jump_by_kilometres_are_suspect(tmp_path) -> None:
     path = tmp_path / "a.nmea"
-    path.write_bytes(sentences(40, jump_from=25))
+    path.write_bytes(write_sentences(40, jump_from=25))
     verdict = protect([path]).verdict
     assert verdict.verdict == "suspect"
     assert verdict.since_gpst.startswith("2024-02-05T12:00:43")  # UTC and 18 s

@@ -18,21 +18,21 @@ from skyproof.simulator.scenario import Meaconer
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory):
-    """9 s under a meaconer that was on before; the message's first subframe comes whole."""
+def recording(tmp_path_factory):
+    """Record 9 s under a meaconer that was on before; the first subframe of its message is complete."""
     repeated = Meaconer(receive=kit.ELSEWHERE, transmit=kit.TRANSMIT, delay_s=4e-6, onset_s=-10.0, noise_db=-13.0)
-    scenario = kit.scenario_of(receivers=1, duration_s=9.0, attacks=(repeated,))
+    scenario = kit.make_scenario(receivers=1, duration_s=9.0, attacks=(repeated,))
     return kit.record(scenario, tmp_path_factory.mktemp("receive"))
 
 
 @pytest.fixture(scope="module")
-def tracker(recorded):
-    (tracker,), _ = track(open_inputs(recorded.paths, Settings()), Settings())
+def tracker(recording):
+    (tracker,), _ = track(open_inputs(recording.paths, Settings()), Settings())
     return tracker
 
 
-def test_two_signals_of_a_satellite_stand_in_two_files(recorded, tmp_path):
-    result = receive(recorded.paths, nav=recorded.nav, out=tmp_path, start_s=0.5)
+def test_two_signals_of_a_satellite_stand_in_two_files(recording, tmp_path):
+    result = receive(recording.paths, nav=recording.nav, out=tmp_path, start_s=0.5)
     ((orbits, *observed),) = result.files
     assert (orbits, observed) == ("bow-nav.rnx", ["bow.obs", "bow-2.obs"])
     (receiver,) = json.loads(write_document_json(result))["receivers"]
@@ -43,7 +43,7 @@ def test_two_signals_of_a_satellite_stand_in_two_files(recorded, tmp_path):
     written = [sorted(signal.sat for signal in read_obs(tmp_path / name).observations.signals) for name in observed]
     assert sorted(sat for sats in written for sat in sats) == [sat for sat, _ in listed]
     assert all(len(set(sats)) == len(sats) > 5 for sats in written)
-    bow = recorded.scene.skies[0].point(np.array([1.0])).position_ecef_m[0]
+    bow = recording.scene.skies[0].point(np.array([1.0])).position_ecef_m[0]
     for name in observed:  # first copies of the sky and of the repeater, which stands 0.9 km off
         assert np.linalg.norm(read_obs(tmp_path / name).position_ecef_m - bow) < 1000.0
     for name in (orbits, *observed):
@@ -69,9 +69,9 @@ def test_a_repeated_message_is_not_reported_as_another(tracker):
 
 
 @pytest.mark.long
-def test_a_rough_place_narrows_the_search_to_satellites_above(recorded, tracker):
-    navigation = read_nav(recorded.nav)
-    inputs = open_inputs(recorded.paths, Settings(duration_s=3.0))
+def test_a_rough_place_narrows_the_search_to_satellites_above(recording, tracker):
+    navigation = read_nav(recording.nav)
+    inputs = open_inputs(recording.paths, Settings(duration_s=3.0))
     here, nowhere = ({"place_deg": place} for place in ((57.0, 13.0), (-57.0, -167.0)))
     (near,), _ = track(inputs, Settings(**here), navigation=navigation)
     heard = {arc.signal.sat for arc in tracker.arcs.values()}

@@ -25,7 +25,7 @@ ASKED = Asked(taps=TapsAsked(delays_chips=(0.5, -0.5), every_s=0.02, coherent_s=
 
 @pytest.fixture(scope="module")
 def sky():
-    """8 s of clean sky, and its samples."""
+    """Render 8 s of clean sky, and its samples."""
     scenario = scenes.make_clean(
         ScenePlace(lat_deg=57.7, lon_deg=11.94, height_m=50.0),
         START,
@@ -39,7 +39,7 @@ def sky():
     return samples, samples.read(0, samples.n_samples)
 
 
-def tracker_of(sky, planes=None, nav=NAV, **settings):
+def make_tracker(sky, planes=None, nav=NAV, **settings):
     samples, clean = sky
     planes = clean if planes is None else planes
     held = replace(samples, read=lambda first, count: planes[:, first : first + count])
@@ -47,7 +47,7 @@ def tracker_of(sky, planes=None, nav=NAV, **settings):
     return tracking._set_up_tracker(held, chosen, nav, False, ASKED, tracking.Workspace())
 
 
-def to_the_end(tracker):
+def run_to_end(tracker):
     while tracker.advance():
         pass
     return tracker
@@ -55,26 +55,26 @@ def to_the_end(tracker):
 
 @pytest.fixture(scope="module")
 def whole(sky):
-    return to_the_end(tracker_of(sky))
+    return run_to_end(make_tracker(sky))
 
 
 def test_the_filter_takes_over_and_is_where_the_receiver_is(whole):
     assert whole.vector.began_s < 5.5
     assert whole.vector.diverged == 0
     assert len(whole.vector.driving) == len(whole.state.channels)
-    found = fix(whole_observations(whole), NAV)
+    found = fix(collect_observations(whole), NAV)
     apart_m = whole.vector.filter.mean[:3] - found.position_ecef_m[-1]
     assert np.linalg.norm(apart_m) < 3.0
 
 
-def whole_observations(tracker):
+def collect_observations(tracker):
     o = observe(tracker, NAV).observations
     return o.read(0, o.gpst.size)
 
 
 def test_pieces_give_what_the_whole_gives(sky, whole, monkeypatch):
     monkeypatch.setattr(tracking, "BLOCK_S", 0.37)
-    pieces = to_the_end(tracker_of(sky))
+    pieces = run_to_end(make_tracker(sky))
     one, other = whole.measured.whole(), pieces.measured.whole()
     np.testing.assert_array_equal(one.table, other.table)
     np.testing.assert_array_equal(one.turns_rad, other.turns_rad)
@@ -99,7 +99,7 @@ def test_a_blocked_channel_goes_on_and_is_there_again_at_once(sky):
     gone = slice(int(5.8 * RATE_HZ), int(6.9 * RATE_HZ))
     rng = np.random.default_rng(1)
     planes[:, gone] = rng.normal(0.0, clean.std(), planes[:, gone].shape)
-    tracker = to_the_end(tracker_of(sky, planes))
+    tracker = run_to_end(make_tracker(sky, planes))
     measured = tracker.measured.whole()
     n = len(tracker.state.channels)
     assert {arc.began for arc in tracker.arcs.values()} == {"found"}
@@ -111,13 +111,13 @@ def test_a_blocked_channel_goes_on_and_is_there_again_at_once(sky):
 
 @pytest.fixture(scope="module")
 def weak(sky):
-    """From 5.8 s on as weak as 22 dB-Hz: no channel holds a phase, nothing is measured."""
+    """Render a sky that falls to 22 dB-Hz at 5.8 s, where no channel holds a phase or measures."""
     _, clean = sky
     planes, first = clean.copy(), int(5.8 * RATE_HZ)
     noise = np.random.default_rng(2).standard_normal(planes[:, first:].shape, np.float32)
     planes[:, first:] += np.sqrt(10.0**2.4 - 1.0) * clean.std() * noise  # of 46 dB-Hz
     planes[:, first:] *= 10.0**-1.2
-    return to_the_end(tracker_of(sky, planes)), planes
+    return run_to_end(make_tracker(sky, planes)), planes
 
 
 def test_signals_whose_phase_nobody_holds_still_drive_the_filter(sky, whole, weak):
@@ -135,12 +135,12 @@ def test_signals_whose_phase_nobody_holds_still_drive_the_filter(sky, whole, wea
 def test_pieces_give_what_the_whole_gives_where_no_phase_is_held(sky, weak, monkeypatch):
     monkeypatch.setattr(tracking, "BLOCK_S", 0.53)
     tracker, planes = weak
-    np.testing.assert_array_equal(tracker.vector.filter.mean, to_the_end(tracker_of(sky, planes)).vector.filter.mean)
+    np.testing.assert_array_equal(tracker.vector.filter.mean, run_to_end(make_tracker(sky, planes)).vector.filter.mean)
 
 
 def test_a_satellite_that_does_not_drive_is_not_guided(sky, whole):
     sat = sorted({signal.sat for signal in whole.vector.driving})[0]
-    tracker = tracker_of(sky, not_driving=(sat,))
+    tracker = make_tracker(sky, not_driving=(sat,))
     while tracker.examined_s < 6.5:
         tracker.advance()
     assert tracker.vector.agreed > 0
@@ -166,7 +166,7 @@ def test_a_satellite_that_is_no_gps_satellite_is_refused():
     "wrong_m", [(60.0, 60.0, 50.0, 0.0), (0.0, 0.0, 0.0, 299_792.458)], ids=["100 m", "1 ms of the clock"]
 )
 def test_a_wrong_filter_is_given_up_in_a_second_and_comes_back(sky, wrong_m):
-    tracker = tracker_of(sky)
+    tracker = make_tracker(sky)
     while tracker.examined_s < 5.9:
         tracker.advance()
     wrong = tracker.vector.filter
@@ -176,7 +176,7 @@ def test_a_wrong_filter_is_given_up_in_a_second_and_comes_back(sky, wrong_m):
     tracker.advance()
     tracker.advance()
     assert tracker.vector.diverged == 1
-    to_the_end(tracker)
+    run_to_end(tracker)
     assert tracker.vector.agreed > 0
     rows = tracker.measured.whole()
     last = rows.elapsed_s == rows.elapsed_s[-1]
@@ -190,6 +190,6 @@ def test_orbits_of_another_day_start_no_filter_and_are_reported(sky):
         NAV,
         ephemerides=tuple(replace(e, m0=o.m0) for e in NAV.ephemerides for o in other.ephemerides if o.sat == e.sat),
     )
-    tracker = to_the_end(tracker_of(sky, nav=moved))
+    tracker = run_to_end(make_tracker(sky, nav=moved))
     assert tracker.vector.began_s is None
     assert "orbits" in tracker.vector.remarks[0]

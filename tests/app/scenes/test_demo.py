@@ -13,7 +13,7 @@ from skyproof.simulator import scenes
 from skyproof.verdict import Position
 
 
-def ecef_m(place: Position) -> np.ndarray:
+def convert_ecef_m(place: Position) -> np.ndarray:
     return ecef_from_geodetic(np.radians(place.lat_deg), np.radians(place.lon_deg), place.height_m)
 
 
@@ -26,8 +26,10 @@ def test_an_ordinary_receiver_is_dragged_off_a_protected_one_not(tmp_path: Path)
         assert receiver.trusted_fix is not None
         assert receiver.unprotected_fix is not None
         trusted = receiver.trusted_fix
-        assert np.linalg.norm(ecef_m(trusted) - true_m) < radius_95_m(trusted.sigma_east_m, trusted.sigma_north_m)
-        assert np.linalg.norm(ecef_m(receiver.unprotected_fix) - true_m) > 500.0
+        assert np.linalg.norm(convert_ecef_m(trusted) - true_m) < radius_95_m(
+            trusted.sigma_east_m, trusted.sigma_north_m
+        )
+        assert np.linalg.norm(convert_ecef_m(receiver.unprotected_fix) - true_m) > 500.0
     labels = {
         (row["receiver"], row["sat"], row["label"])
         for row in json.loads((tmp_path / "verdict.json").read_text())["signals"]

@@ -47,11 +47,11 @@ class Reader(HTMLParser):
             self.text += f"{data}\n"
 
 
-def page_of(scenario: Scenario) -> str:
+def make_page(scenario: Scenario) -> str:
     return write_scene_page(scenario, make_navigation(scenario))
 
 
-def simple(**changes: object) -> Scenario:
+def make_simple(**changes: object) -> Scenario:
     return parse_scenario(
         {
             "start_gpst": "2024-05-14T10:00:00",
@@ -65,7 +65,7 @@ def simple(**changes: object) -> Scenario:
 @pytest.mark.parametrize("name", NAMES)
 def test_the_page_of_a_ready_made_scene_is_whole(name: str) -> None:
     scenario = scenes.read_ready_made(name)
-    html = page_of(scenario)
+    html = make_page(scenario)
     read = Reader(html)
     for receiver in scenario.receivers:
         assert any(receiver.name in label for label in read.labels)
@@ -82,17 +82,17 @@ def test_the_page_of_a_ready_made_scene_is_whole(name: str) -> None:
 
 
 def test_the_same_scene_gives_the_same_bytes() -> None:
-    assert page_of(scenes.make_demo()) == page_of(scenes.make_demo())
+    assert make_page(scenes.make_demo()) == make_page(scenes.make_demo())
 
 
 def test_words_of_the_scenario_are_escaped() -> None:
-    html = page_of(simple(description="<script>alert(1)</script> & more"))
+    html = make_page(make_simple(description="<script>alert(1)</script> & more"))
     assert "<script>" not in html
     assert "&lt;script&gt;alert(1)&lt;/script&gt; &amp; more" in html
 
 
 def test_a_clean_scene_says_that_nobody_else_transmits() -> None:
-    page = page_of(
+    page = make_page(
         scenes.make_clean(ScenePlace(lat_deg=57.7, lon_deg=11.9, height_m=50.0), np.datetime64("2024-05-14T10:00:00"))
     )
     assert "Only the satellites transmit" in page
@@ -100,7 +100,7 @@ def test_a_clean_scene_says_that_nobody_else_transmits() -> None:
 
 
 def test_settings_show_their_units_and_unused_ones_do_not_show() -> None:
-    text = Reader(page_of(scenes.make_demo())).text
+    text = Reader(make_page(scenes.make_demo())).text
     for name, value, unit in (
         ("rate_hz", "2600000", "Hz"),
         ("onset_s", "14", "s"),
@@ -114,7 +114,7 @@ def test_settings_show_their_units_and_unused_ones_do_not_show() -> None:
 
 def test_false_codes_of_a_clock_push_are_its_metres() -> None:
     # 1 microsecond is 299.8 m, whatever the geometry: the axis reaches there, and no farther than a little beyond.
-    scenario = simple(
+    scenario = make_simple(
         attacks=[
             {
                 "kind": "takeover",
@@ -125,7 +125,7 @@ def test_false_codes_of_a_clock_push_are_its_metres() -> None:
             }
         ]
     )
-    html = page_of(scenario)
+    html = make_page(scenario)
     picture = html[html.index("Code of false signals") :]
     picture = picture[: picture.index("</svg>")]
     ticks = [float(value) for value in re.findall(r'text-anchor="end">(\d+)<', picture)]
@@ -140,9 +140,9 @@ def test_only_a_moving_takeovers_displacement_is_drawn() -> None:
         "onset_s": 2.0,
         "transmit": {"lat_deg": 57.701, "lon_deg": 11.9, "height_m": 60.0},
     }
-    assert "shows to" not in page_of(simple(attacks=[attack]))
+    assert "shows to" not in make_page(make_simple(attacks=[attack]))
     moved = attack | {"away_points_enu_m": [[3.0, 0.0, 0.0, 0.0], [9.0, 50.0, 0.0, 0.0]]}
-    assert "shows to" in page_of(simple(attacks=[moved]))
+    assert "shows to" in make_page(make_simple(attacks=[moved]))
 
 
 def test_reflections_are_drawn_with_their_longer_way() -> None:
@@ -153,11 +153,11 @@ def test_reflections_are_drawn_with_their_longer_way() -> None:
         "height_m": 50.0,
         "multipath": [{"delay_m": 40.0, "power_db": -6.0}],
     }
-    html = page_of(simple(receivers=[receiver]))
+    html = make_page(make_simple(receivers=[receiver]))
     assert "Reflections at" in html
     assert "way, m" in html
     assert ">40<" in html[html.index("Longer way") :]
-    assert "Reflections at" not in page_of(simple())
+    assert "Reflections at" not in make_page(make_simple())
 
 
 def test_one_page_is_written_under_the_scenes_name(tmp_path: Path) -> None:

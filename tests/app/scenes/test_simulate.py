@@ -32,8 +32,8 @@ START = np.datetime64("2024-05-14T09:59:58", "ns")
 TABLES = (".csv", ".parquet")
 
 
-def small(**changes: object) -> Scenario:
-    """Two receivers and a meaconer for four seconds, at a million samples of one bit a second."""
+def make_small(**changes: object) -> Scenario:
+    """Make two receivers and a meaconer for four seconds, at a million samples of one bit a second."""
     made = Scenario(
         name="small",
         seed=5,
@@ -65,7 +65,7 @@ def small(**changes: object) -> Scenario:
     return made.model_copy(update=changes)
 
 
-def octets_in(folder: Path) -> dict[str, bytes]:
+def read_octets(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
@@ -92,12 +92,12 @@ class Watch:
 
 def test_all_that_is_made(tmp_path: Path) -> None:
     watch = Watch()
-    result = simulate(small(), out=tmp_path / "out", progress=watch)
+    result = simulate(make_small(), out=tmp_path / "out", progress=watch)
     names = {"scenario.toml", "broadcast.rnx", "truth.json"}
     names |= {f"{name}{ending}" for name in ("bow", "stern") for ending in (".bin", ".toml", ".obs", "-2.obs")}
     stems = ("bow-truth", "stern-truth", "bow-signals", "stern-signals", "bow-imu")
     names |= {f"{stem}{ending}" for stem in stems for ending in TABLES}
-    assert set(octets_in(tmp_path / "out")) == set(result.files) == names
+    assert set(read_octets(tmp_path / "out")) == set(result.files) == names
     assert [path.name for path in result.recordings] == ["bow.bin", "stern.bin"]
     assert [path.name for path in result.observations] == ["bow.obs", "bow-2.obs", "stern.obs", "stern-2.obs"]
     assert json.loads((tmp_path / "out" / "truth.json").read_text())["files"] == list(result.files)
@@ -114,13 +114,13 @@ def test_all_that_is_made(tmp_path: Path) -> None:
 def test_the_resolved_scenario_makes_the_same_bytes(tmp_path: Path) -> None:
     navigation = tmp_path / "day.22n"
     write_nav(navigation, make_nominal_constellation(START))
-    simulate(small(navigation=navigation), out=tmp_path / "a", seed=9)
+    simulate(make_small(navigation=navigation), out=tmp_path / "a", seed=9)
     simulate(tmp_path / "a" / "scenario.toml", out=tmp_path / "b")
-    first = octets_in(tmp_path / "a")
-    assert first == octets_in(tmp_path / "b")
+    first = read_octets(tmp_path / "a")
+    assert first == read_octets(tmp_path / "b")
     simulate(tmp_path / "a" / "scenario.toml", out=tmp_path / "a", overwrite=True)  # over itself
-    assert first == octets_in(tmp_path / "a")
-    other = simulate(small(navigation=navigation), out=tmp_path / "c", seed=10, depth="measurements")
+    assert first == read_octets(tmp_path / "a")
+    other = simulate(make_small(navigation=navigation), out=tmp_path / "c", seed=10, depth="measurements")
     differ = {name for name in other.files if first[name] != (tmp_path / "c" / name).read_bytes()}
     assert {"bow.obs", "stern-2.obs", "bow-imu.csv", "scenario.toml", "truth.json"} <= differ
     assert "bow-signals.csv" not in differ  # where things are is not a matter of chance
@@ -128,7 +128,7 @@ def test_the_resolved_scenario_makes_the_same_bytes(tmp_path: Path) -> None:
 
 def test_observations_are_the_truth_and_noise(tmp_path: Path) -> None:
     # Every copy in the file of its letter, with the label that it has.
-    made = small(duration_s=20.0)
+    made = make_small(duration_s=20.0)
     result = simulate(made, out=tmp_path, depth="measurements")
     assert not list(tmp_path.glob("*.bin"))
     table = compute_signal_truth(make_scene(made, read_nav(tmp_path / "broadcast.rnx")), "bow")
@@ -146,7 +146,7 @@ def test_observations_are_the_truth_and_noise(tmp_path: Path) -> None:
 
 
 def test_a_log_follows_the_strongest_copy_and_has_fixes(tmp_path: Path) -> None:
-    result = simulate(small(duration_s=20.0), out=tmp_path, depth="measurements", log="ubx")
+    result = simulate(make_small(duration_s=20.0), out=tmp_path, depth="measurements", log="ubx")
     assert [path.name for path in result.logs] == ["bow.ubx", "stern.ubx"]
     (piece,) = read_log([(tmp_path / "bow.ubx").read_bytes()], "bow")
     files = [read_obs(tmp_path / name).observations for name in ("bow.obs", "bow-2.obs")]
@@ -158,28 +158,28 @@ def test_a_log_follows_the_strongest_copy_and_has_fixes(tmp_path: Path) -> None:
             assert np.nanmin(np.abs(np.concatenate(copies_m) - code_m)) < 1e-3  # of RINEX
     assert {frames.kind for frames in piece.frames} == {"LNAV"}
     with pytest.raises(SettingsError, match="depth"):
-        simulate(small(), out=tmp_path / "b", depth="samples", log="ubx")
+        simulate(make_small(), out=tmp_path / "b", depth="samples", log="ubx")
     assert not (tmp_path / "b").exists()
 
 
 def test_sigmf_where_it_can_be(tmp_path: Path) -> None:
-    eight = small(front_end=FrontEnd(rate_hz=1e6, encoding="int", bits=8), duration_s=2.0)
+    eight = make_small(front_end=FrontEnd(rate_hz=1e6, encoding="int", bits=8), duration_s=2.0)
     result = simulate(eight, out=tmp_path / "a", depth="samples")
     assert [path.name for path in result.recordings] == ["bow.sigmf-meta", "stern.sigmf-meta"]
     assert "small.sigmf-collection" in result.files
     assert result.observations == ()
     assert simulate(eight, out=tmp_path / "b", depth="samples", container="raw").recordings[0].name == "bow.bin"
     with pytest.raises(SettingsError, match=r"\braw\b"):
-        simulate(small(), out=tmp_path / "c", container="sigmf")
+        simulate(make_small(), out=tmp_path / "c", container="sigmf")
     assert not (tmp_path / "c").exists()
 
 
 def test_two_runs_never_mix(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("stays")
-    simulate(small(), out=tmp_path, depth="measurements")
-    one = small(receivers=small().receivers[:1])
+    simulate(make_small(), out=tmp_path, depth="measurements")
+    one = make_small(receivers=make_small().receivers[:1])
     result = simulate(one, out=tmp_path, depth="measurements", overwrite=True)
-    assert set(octets_in(tmp_path)) == {*result.files, "mine.txt"}
+    assert set(read_octets(tmp_path)) == {*result.files, "mine.txt"}
 
 
 @pytest.mark.parametrize(
@@ -207,15 +207,15 @@ def make(folder: Path, **options: object) -> None:
 
 def test_a_scene_is_replaced_only_if_asked_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     make(tmp_path)
-    before = octets_in(tmp_path)
+    before = read_octets(tmp_path)
     (tmp_path / "mine.txt").write_text("mine")
     with monkeypatch.context() as patched:
         patched.setattr(module, "make_navigation", lambda _: pytest.fail("the work began before the check"))
         with pytest.raises(OutputError, match=r"\bearlier\b.*--overwrite"):
             make(tmp_path, seed=9)
-    assert octets_in(tmp_path) == before | {"mine.txt": b"mine"}
+    assert read_octets(tmp_path) == before | {"mine.txt": b"mine"}
     make(tmp_path, seed=9, overwrite=True)
-    after = octets_in(tmp_path)
+    after = read_octets(tmp_path)
     assert after.pop("mine.txt") == b"mine"
     assert after.keys() == before.keys()
     assert after["truth.json"] != before["truth.json"]
@@ -226,7 +226,7 @@ def test_a_file_of_somebody_else_is_not_overwritten(tmp_path: Path, overwrite: b
     (tmp_path / "broadcast.rnx").write_text("mine")
     with pytest.raises(OutputError, match=r"broadcast\.rnx .*overwritten"):
         make(tmp_path, overwrite=overwrite)
-    assert octets_in(tmp_path) == {"broadcast.rnx": b"mine"}
+    assert read_octets(tmp_path) == {"broadcast.rnx": b"mine"}
 
 
 def test_what_a_killed_run_left_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -239,7 +239,7 @@ def test_what_a_killed_run_left_is_replaced(tmp_path: Path, monkeypatch: pytest.
 
 
 def test_an_interruption_leaves_whole_files_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = simulate(small(), out=tmp_path / "whole")
+    whole = simulate(make_small(), out=tmp_path / "whole")
 
     class Impatient(Watch):
         @contextmanager
@@ -251,9 +251,9 @@ def test_an_interruption_leaves_whole_files_only(tmp_path: Path, monkeypatch: py
             if "samples" in self.name and to > 0.5:
                 raise KeyboardInterrupt
 
-    result = simulate(small(), out=tmp_path / "part", progress=Impatient())
+    result = simulate(make_small(), out=tmp_path / "part", progress=Impatient())
     assert result.interrupted
-    there = octets_in(tmp_path / "part")
+    there = read_octets(tmp_path / "part")
     assert set(there) == set(result.files) == set(whole.files) - {"stern.bin", "stern.toml"}
     assert {name: (tmp_path / "whole" / name).read_bytes() for name in there} == there
     assert [path.name for path in result.recordings] == ["bow.bin"]
@@ -265,20 +265,20 @@ def test_too_little_room_is_reported_before_anything_is_written(
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(module.shutil, "disk_usage", lambda _: usage._replace(free=1_500_000))
     with pytest.raises(OutputError, match=r"\d MB .*\b1\.5 MB\b"):
-        simulate(small(), out=tmp_path)
-    assert octets_in(tmp_path) == {}
-    simulate(small(), out=tmp_path, depth="measurements")
+        simulate(make_small(), out=tmp_path)
+    assert read_octets(tmp_path) == {}
+    simulate(make_small(), out=tmp_path, depth="measurements")
 
 
 def test_names_that_would_meet_in_one_file_are_reported(tmp_path: Path) -> None:
-    one, two = small().receivers
+    one, two = make_small().receivers
     with pytest.raises(ScenarioError, match=r"scenario\.toml"):
-        simulate(small(receivers=(one, two.model_copy(update={"name": "scenario"}))), out=tmp_path)
-    assert octets_in(tmp_path) == {}
+        simulate(make_small(receivers=(one, two.model_copy(update={"name": "scenario"}))), out=tmp_path)
+    assert read_octets(tmp_path) == {}
 
 
 def test_measurements_of_a_moment_are_refused_or_left_out(tmp_path: Path) -> None:
-    short = small(duration_s=1.5)
+    short = make_small(duration_s=1.5)
     with pytest.raises(ScenarioError, match=r"duration_s: 1\.5 s; .*\b2 s"):
         simulate(short, out=tmp_path, depth="measurements")
     watch = Watch()

@@ -17,9 +17,9 @@ from skyproof.formats.rinex_obs import write_obs
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with inputs, and in it one with the outputs."""
+    """Write a folder with inputs, and in it one with the outputs."""
     folder = tmp_path_factory.mktemp("run")
-    navigation, pair = kit.measured(21.0)
+    navigation, pair = kit.simulate_measurements(21.0)
     write_obs(folder / "one.obs", pair[0], signals=pair[0].signals, holds="simulated", marker="ONE", version="test")
     write_nav(folder / "brdc.rnx", navigation)
     protect([folder / "one.obs"], nav=folder / "brdc.rnx", out=folder / "out")
@@ -31,7 +31,7 @@ def run(whole: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(whole, tmp_path / "run"))
 
 
-def states(found, state):
+def list_states(found, state):
     return {file.name for file in found.files if file.state == state}
 
 
@@ -39,8 +39,8 @@ def test_what_nobody_touched_is_unchanged(run, capfd):
     found = verify(run / "out", inputs_in=run)
     assert found.unchanged
     assert found.complete
-    assert {"verdict.json", "report.html", "fixes.csv", "settings.toml"} < states(found, "same")
-    assert len(states(found, "same")) == len(found.files)
+    assert {"verdict.json", "report.html", "fixes.csv", "settings.toml"} < list_states(found, "same")
+    assert len(list_states(found, "same")) == len(found.files)
     assert main(["verify", str(run / "out"), "--inputs-in", str(run)]) == 0
     assert "unchanged: " in capfd.readouterr().out
 
@@ -59,7 +59,7 @@ def test_one_bit_is_seen(run, name, capfd):
     path.write_bytes(content)
     found = verify(run / "out", inputs_in=run)
     assert not found.unchanged
-    assert {Path(one).name for one in states(found, "different")} == {path.name}
+    assert {Path(one).name for one in list_states(found, "different")} == {path.name}
     assert main(["verify", str(run / "out"), "--inputs-in", str(run)]) == 1
     assert "CHANGED" in capfd.readouterr().out
 
@@ -69,9 +69,9 @@ def test_what_is_gone_or_came_is_named(run):
     (run / "out" / "notes.txt").write_text("mine")
     (run / "brdc.rnx").unlink()
     found = verify(run / "out", inputs_in=run)
-    assert states(found, "missing") == {"fixes.csv"}
-    assert states(found, "not of the run") == {"notes.txt"}
-    assert {Path(one).name for one in states(found, "not found")} == {"brdc.rnx"}
+    assert list_states(found, "missing") == {"fixes.csv"}
+    assert list_states(found, "not of the run") == {"notes.txt"}
+    assert {Path(one).name for one in list_states(found, "not found")} == {"brdc.rnx"}
     assert not found.unchanged
     assert not found.complete
 

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy import stats
-from tests.app.protect.choosing import NAVIGATION, inertia_of, led_away, nothing_found
+from tests.app.protect.choosing import NAVIGATION, find_nothing, make_inertia, make_takeover
 from tests.app.protect.test_choosing import DRIVE, WALK
 
 from skyproof.app.common.epoch_source import WholeSource
@@ -26,7 +26,7 @@ def heard(path="drive", seed=2, speed_m_s=0.0, duration_s=71.0, carrier="follows
     """A scene's measurements, its windows with their sets, and what its unit lets expect; an attack if it is fast."""
     way = {"drive": DRIVE, "walk": WALK}[path]
     unit = {"grade": "tactical", "rate_hz": 50.0}
-    scene = led_away(
+    scene = make_takeover(
         path=way,
         imu=unit,
         seed=seed,
@@ -41,7 +41,7 @@ def heard(path="drive", seed=2, speed_m_s=0.0, duration_s=71.0, carrier="follows
     o = one.reception.observations
     windows = list(windows_of([WholeSource(o)], NAVIGATION, Settings()))
     settings = Settings(oscillator="ocxo")
-    return o, windows, inertia_of(scene, settings, "tactical", seed=seed)["bow"]
+    return o, windows, make_inertia(scene, settings, "tactical", seed=seed)["bow"]
 
 
 def walked(found, change=lambda readings: readings, shown=None):
@@ -55,7 +55,7 @@ def walked(found, change=lambda readings: readings, shown=None):
 def examined(detector, o, windows, doubts=(), **expected):
     """Findings of windows in which nothing else is found, but for doubts, and the navigator after them."""
     state, findings = None, []
-    for number, (window, clean) in enumerate(zip(windows, nothing_found(windows, o.signals), strict=True)):
+    for number, (window, clean) in enumerate(zip(windows, find_nothing(windows, o.signals), strict=True)):
         own = cut(o, window.start_gpst, window.end_gpst)
         others = (clean, *(doubt for at, doubt in doubts if at == number))
         records = replace(window, observations=(own,), findings=others, **expected)

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy import stats
-from tests.app.protect.choosing import NAVIGATION, led_away, nothing_found
+from tests.app.protect.choosing import NAVIGATION, find_nothing, make_takeover
 
 from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
@@ -28,7 +28,7 @@ STANDS = Standing(stands=True, oscillator=None, by=("standing",), assumes=("rece
 @cache
 def received(speed_m_s=0.0, seed=1, duration_s=81.0, code_m=0.5, ar1=0.0, constant_m=0.0):
     """A standing receiver's measurements, its windows with their sets, and where it is; an attack if it is fast."""
-    scene = led_away(speed_m_s=speed_m_s or 1.0, onset_s=ONSET_S, duration_s=duration_s, seed=seed)
+    scene = make_takeover(speed_m_s=speed_m_s or 1.0, onset_s=ONSET_S, duration_s=duration_s, seed=seed)
     if not speed_m_s:
         scene = make_scene(scene.scenario.model_copy(update={"attacks": ()}), NAVIGATION)
     noise = ChannelNoise(code_m=code_m, ar1=ar1, constant_m=constant_m)
@@ -47,7 +47,7 @@ def examined(windows, o, predictor):
     """Return all findings of windows in which no other test finds anything."""
     state, findings = None, []
     detector = StatedPlace(StatedPlaceSettings(false_alarm_probability=ALPHA))
-    for window, clean in zip(windows, nothing_found(windows, o.signals), strict=True):
+    for window, clean in zip(windows, find_nothing(windows, o.signals), strict=True):
         found, state = detector.examine(replace(window, standing={"bow": predictor}, findings=(clean,)), state)
         findings += found
     return findings
