@@ -2,9 +2,9 @@
 
 import re
 
-__all__ = ["facts"]
+__all__ = ["match_facts"]
 
 
-def facts(text: str) -> str:
+def match_facts(text: str) -> str:
     """Return the pattern of these facts in this order, whatever the words between them. ` … ` parts the facts."""
     return ".*".join(map(re.escape, text.split(" … ")))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import BaseModel, Field, ValidationError
-from tests.facts import facts
+from tests.facts import match_facts
 from tests.messages import NEVER_RAISED, Message, Site, _sites_in, sites, table, unraised, without_folders
 
 from skyproof import cli
@@ -64,7 +64,7 @@ def test_a_wrong_platform_file_is_refused_by_file_and_key(tmp_path: Path, text: 
     with pytest.raises((SettingsError, InputError)) as raised:
         read_platform(path)
     assert str(raised.value).startswith(f"{path}: ")
-    assert re.search(facts(words), str(raised.value))
+    assert re.search(match_facts(words), str(raised.value))
 
 
 def test_a_wrong_option_is_refused_as_a_setting(tmp_path: Path) -> None:
@@ -121,13 +121,13 @@ def test_an_error_time_of_a_filter_is_more_than_zero() -> None:
 def test_a_wrong_scenario_names_what_came_and_what_was_expected(table: dict[str, Any], words: str) -> None:
     with pytest.raises(ScenarioError) as raised:
         parse_scenario(table)
-    assert re.search(facts(words), str(raised.value))
+    assert re.search(match_facts(words), str(raised.value))
 
 
 def test_a_members_fault_does_not_make_a_list_too_short() -> None:
     with pytest.raises(ScenarioError) as raised:
         parse_scenario({"receivers": [{"name": "a", "lat_deg": 1.0, "lon_deg": 2.0, "height_m": -600.0}]})
-    assert re.search(facts("receivers[0].height_m = -600.0 … -500"), str(raised.value))
+    assert re.search(match_facts("receivers[0].height_m = -600.0 … -500"), str(raised.value))
     assert "holds" not in str(raised.value)
 
 

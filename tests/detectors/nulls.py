@@ -46,8 +46,8 @@ ECHOES = MeasuredScene(
 ECHOING = len(ECHOES.records(np.random.default_rng(0)).observations[0].signals) // 2
 
 
-def with_seconds(rng, kept, delay_m=None, *, scene=ECHOES):
-    """A clean sky in which the satellites `kept` have a second signal, `delay_m` after the first if given."""
+def draw_second_signals(rng, kept, delay_m=None, *, scene=ECHOES):
+    """Draw a clean sky in which the satellites `kept` have a second signal, `delay_m` later if given."""
     records = scene.records(rng)
     (o,) = records.observations
     n = len(o.signals) // 2
@@ -61,17 +61,18 @@ def with_seconds(rng, kept, delay_m=None, *, scene=ECHOES):
     return replace(records, observations=(changed,), sets=records.sets[:1])
 
 
-def with_echoes(rng, scene=ECHOES):
-    """Echoes as they are between towers, one a satellite and receiver at most."""
+def draw_echoes(rng, scene=ECHOES):
+    """Draw echoes as they are between towers, at most one per satellite and receiver."""
     records = scene.records(rng)
     sets = tuple(s for s in records.sets if s.signals[0].copy == "a")
     heard = tuple(
-        _echoing(rng, o, records, [s for s in sets if s.receiver == o.receiver]) for o in records.observations
+        _draw_receiver_echoes(rng, o, records, [s for s in sets if s.receiver == o.receiver])
+        for o in records.observations
     )
     return replace(records, observations=heard, sets=sets)
 
 
-def _echoing(rng, o, records, sets):
+def _draw_receiver_echoes(rng, o, records, sets):
     n = len(o.signals) // 2
     level_dbhz = np.median(o.cn0_dbhz[:, :n], axis=0)
     elevation_deg = np.degrees([elevation_rad(records.navigation, sets, s.sat) for s in o.signals[:n]])
@@ -88,10 +89,10 @@ def _echoing(rng, o, records, sets):
 UNRELATED = MeasuredScene(antennas_enu_m=ONE, epochs=3, false=ECHOES.false, errors=ECHOES.errors, max_satellites=8)
 
 
-def with_unrelated(rng, spread_m=60.0):
-    """Every satellite has a second signal at a delay of its own, and the sets are those that are found."""
+def draw_unrelated(rng, spread_m=60.0):
+    """Draw a second signal at a delay of its own for every satellite, with the sets that are found."""
     n = UNRELATED.max_satellites
-    records = with_seconds(rng, np.ones(n, bool), rng.uniform(-0.5, 0.5, n) * spread_m, scene=UNRELATED)
+    records = draw_second_signals(rng, np.ones(n, bool), rng.uniform(-0.5, 0.5, n) * spread_m, scene=UNRELATED)
     return replace(records, sets=find_consistent_sets(records.observations[0], records.navigation))
 
 
@@ -100,8 +101,8 @@ def with_unrelated(rng, spread_m=60.0):
 TAPS_SCENE = MeasuredScene(antennas_enu_m=ONE, epochs=3, step_s=0.02, max_satellites=8, cn0_dbhz=45.0)
 
 
-def with_vector_taps(rng, code_chips=0.0, phase_rad=0.0, n=200):
-    """Records with `n` looks at the taps of a vector receiver's channels at the offsets."""
+def draw_vector_taps(rng, code_chips=0.0, phase_rad=0.0, n=200):
+    """Draw `n` snapshots of the taps of a vector receiver's channels at the offsets."""
     records = TAPS_SCENE.records(rng)
     (o,) = records.observations
     amplitude = prompt_amplitude(TAPS_SCENE.cn0_dbhz, coherent_s=LOOKED_S)
@@ -122,8 +123,8 @@ LOOK_S, LOOKED_S = 0.02, 0.004
 TAPS_SIGNALS = tuple(SignalId(f"G{k + 1:02d}") for k in range(10))
 
 
-def looks(rng, cn0_dbhz=45.0, n=500, *, second=0.0, lag_chips=0.0, beat_hz=0.0, delays=DELAYS_CHIPS):
-    """One signal's taps (n, n_taps) with a second one, later by `lag_chips`, beside it; in the amplitude's unit."""
+def draw_looks(rng, cn0_dbhz=45.0, n=500, *, second=0.0, lag_chips=0.0, beat_hz=0.0, delays=DELAYS_CHIPS):
+    """Draw one signal's taps (n, n_taps) with a second one `lag_chips` later; in the amplitude's unit."""
     sigma = 1.0 / prompt_amplitude(cn0_dbhz, coherent_s=LOOKED_S)
     root = np.linalg.cholesky(tap_covariance(delays) + 1e-9 * np.eye(delays.size))
     noise = (rng.standard_normal((n, delays.size, 2)) @ [1.0, 1j]) @ root.T
@@ -133,9 +134,9 @@ def looks(rng, cn0_dbhz=45.0, n=500, *, second=0.0, lag_chips=0.0, beat_hz=0.0, 
 
 
 def take_looks(rng, cn0_dbhz=(35.0, 50.0), n=500, seconds=None):
-    """Records of ten signals' taps in looks; `seconds` maps a number of a signal to `looks`'s words."""
+    """Draw snapshots of ten signals' taps; `seconds` maps a signal's number to keywords of `draw_looks`."""
     levels = rng.uniform(*cn0_dbhz, len(TAPS_SIGNALS))
-    value = [looks(rng, level, n, **(seconds or {}).get(k, {})) for k, level in enumerate(levels)]
+    value = [draw_looks(rng, level, n, **(seconds or {}).get(k, {})) for k, level in enumerate(levels)]
     taps = Taps(
         receiver="rx1",
         signals=TAPS_SIGNALS,
@@ -149,7 +150,7 @@ def take_looks(rng, cn0_dbhz=(35.0, 50.0), n=500, seconds=None):
 
 
 def reflect(rng, probability):
-    """Each signal has a strong reflection with this probability: late, and at any beat."""
+    """Give each signal a strong reflection with this probability, late and at any beat."""
     hit = np.flatnonzero(rng.random(len(TAPS_SIGNALS)) < probability)
     ray = [{"second": 0.5, "lag_chips": rng.uniform(0.2, 1.2), "beat_hz": rng.uniform(-20.0, 20.0)} for _ in hit]
     return take_looks(rng, seconds=dict(zip(hit.tolist(), ray, strict=True)), n=150)
@@ -167,39 +168,42 @@ CCAF_POINTS = np.arange(-16, 17) * 0.1
 INTERVALS = 4
 
 
-def own_correlation(prn, lag_chips, band_hz=CCAF_RATE_HZ):
-    """Of a code with itself in a band: that of single chips, as often as the code's chips are alike."""
+def correlate_code(prn, lag_chips, band_hz=CCAF_RATE_HZ):
+    """Correlate a code with itself in a band: single chips, as often as the code's chips are alike."""
     return sum(
         like * correlation(lag_chips - k, band_hz, GPS_L1_CA)
-        for k, like in zip(range(-6, 7), side_lobes(prn), strict=True)
+        for k, like in zip(range(-6, 7), find_side_lobes(prn), strict=True)
     )
 
 
 @cache
-def side_lobes(prn):
-    """A code with itself at whole chips from -6 to 6."""
+def find_side_lobes(prn):
+    """Correlate a code with itself at whole chips from -6 to 6."""
     code = generate_ca_code(prn).astype(int)
     return tuple(int(code @ np.roll(code, k)) / 1023.0 for k in range(-6, 7))
 
 
 @cache
-def own_root(prn):
-    """Of the covariance of the taps' noise."""
-    values, vectors = np.linalg.eigh(own_correlation(prn, CCAF_POINTS[:, None] - CCAF_POINTS))
+def find_noise_root(prn):
+    """Return the root of the covariance of the taps' noise."""
+    values, vectors = np.linalg.eigh(correlate_code(prn, CCAF_POINTS[:, None] - CCAF_POINTS))
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def burst(prn, delay_chips, amplitude, variance, rng, intervals=INTERVALS):
-    """Taps (intervals, m) of signals (n,) of one satellite, with phases of their own in each interval."""
-    clean = own_correlation(prn, CCAF_POINTS - np.asarray(delay_chips)[:, None])  # (n, m)
+def draw_burst(prn, delay_chips, amplitude, variance, rng, intervals=INTERVALS):
+    """Draw taps (intervals, m) of signals (n,) of one satellite, with new phases in each interval."""
+    clean = correlate_code(prn, CCAF_POINTS - np.asarray(delay_chips)[:, None])  # (n, m)
     turn = np.asarray(amplitude) * np.exp(2j * np.pi * rng.random((intervals, len(clean))))
     white = rng.standard_normal((2, intervals, CCAF_POINTS.size)) * np.sqrt(0.5 * variance)
-    return turn @ clean + (white[0] + 1j * white[1]) @ own_root(prn).T
+    return turn @ clean + (white[0] + 1j * white[1]) @ find_noise_root(prn).T
 
 
-def with_ccaf(records, rng, second_db=-1.2):
-    """A burst of grids that ends with the last epoch: copy a at the reference, copy b, where there is one, beside it,
-    stronger by `second_db`, one for all or one each."""
+def draw_ccaf(records, rng, second_db=-1.2):
+    """Draw a burst of grids that ends with the last epoch.
+
+    Copy a is at the reference; copy b, where there is one, is beside it and stronger by `second_db`, one for all or
+    one each.
+    """
     (o,) = records.observations
     firsts = [k for k, signal in enumerate(o.signals) if signal.copy == "a"]
     where = {signal: k for k, signal in enumerate(o.signals)}
@@ -212,7 +216,7 @@ def with_ccaf(records, rng, second_db=-1.2):
         if other is not None and np.isfinite(range_m[other]):
             delays.append((range_m[other] - range_m[k]) / CHIP_M)
             sizes.append(10.0 ** (0.05 * over_db))
-        value.append(burst(prn_of(o.signals[k].sat), delays, sizes, variance, rng))
+        value.append(draw_burst(prn_of(o.signals[k].sat), delays, sizes, variance, rng))
     n, back_s = len(firsts), 0.02 * np.arange(INTERVALS - 1, -1, -1)
     grid = Ccaf(
         receiver=o.receiver,
@@ -231,22 +235,26 @@ def with_ccaf(records, rng, second_db=-1.2):
     return replace(records, ccaf=(grid,))
 
 
-def with_near_reflections(rng, no_reflection_probability=0.1):
-    """Grids of a clean sky in which every satellite has a reflection within a chip, 6 dB weaker, at a delay of its own;
-    now and then one has what no reflection is: a signal before it, or nearly as strong."""
+def draw_near_reflections(rng, no_reflection_probability=0.1):
+    """Draw grids of a clean sky in which every satellite has a reflection within a chip, 6 dB weaker.
+
+    With the given probability it has instead what no reflection is: a signal before it, or nearly as strong.
+    """
     n = UNRELATED.max_satellites
     odd = rng.random(n) < no_reflection_probability
     delay = np.where(odd, rng.uniform(-1.0, 1.0, n), rng.uniform(0.0, 1.0, n))
-    records = with_seconds(rng, np.ones(n, bool), delay * CHIP_M, scene=UNRELATED)
-    return with_ccaf(records, rng, np.where(odd, -1.2, -6.0))
+    records = draw_second_signals(rng, np.ones(n, bool), delay * CHIP_M, scene=UNRELATED)
+    return draw_ccaf(records, rng, np.where(odd, -1.2, -6.0))
 
 
 # Arrays ---------------------------------------------------------------------------------------------------------------
 
 
-def array_phases(rng, direction, *, side=1.0, epochs=4, sigma_cyc=SIGMA_CYC, elements=None):
-    """Phases of a triangle of `side` wavelengths under signals from `direction` (n, 3), with any cycles and clocks, an
-    antenna 5 mm off its place and a line delay, both the same for all signals."""
+def draw_array_phases(rng, direction, *, side=1.0, epochs=4, sigma_cyc=SIGMA_CYC, elements=None):
+    """Draw phases of a triangle of `side` wavelengths under signals from `direction` (n, 3).
+
+    Cycles and clocks are any; an antenna is 5 mm off its place and a line is late, both the same for all signals.
+    """
     elements = equilateral_triangle(side) if elements is None else elements
     wrong = elements + 0.026 * rng.standard_normal(elements.shape)
     phase = direction @ wrong.T + rng.random(len(elements)) + rng.integers(-5, 5, (epochs, len(direction), 1))
@@ -262,18 +270,18 @@ def array_phases(rng, direction, *, side=1.0, epochs=4, sigma_cyc=SIGMA_CYC, ele
     )
 
 
-def window(phases, **more):
-    """A window of array phases."""
+def make_window(phases, **more):
+    """Make a window of array phases."""
     return Records(start_gpst=START, end_gpst=START + np.timedelta64(10, "s"), array_phases=(phases,), **more)
 
 
-def somewhere(rng, count):
-    """Directions (count, 3), all the same one."""
+def draw_one_direction(rng, count):
+    """Draw one direction and repeat it (count, 3)."""
     return np.repeat(hemisphere(500)[rng.integers(500)][None], count, axis=0)
 
 
-def anywhere(rng, count):
-    """Directions (count, 3) over the whole hemisphere, each its own."""
+def draw_directions(rng, count):
+    """Draw directions (count, 3) over the whole hemisphere."""
     return direction_cosines(2.0 * np.pi * rng.random(count), np.arcsin(rng.random(count)))
 
 
@@ -286,7 +294,7 @@ ELEMENTS_M = equilateral_triangle(1.0) * SPEED_OF_LIGHT_M_S / L1_HZ
 INS_SETTINGS = InsArraySettings(false_alarm_probability=0.05)
 
 
-def in_view():
+def list_in_view():
     week, tow_s = week_and_tow(START)
     found = []
     for orbit in NAVIGATION.ephemerides:
@@ -296,11 +304,11 @@ def in_view():
     return tuple(sorted(found))[:8]
 
 
-SIGNALS = in_view()
+SIGNALS = list_in_view()
 
 
-def attitude_over(epochs):
-    """A body that turns by a degree an epoch, level."""
+def make_attitude(epochs):
+    """Make the attitude of a level body that turns by a degree an epoch."""
     time_s = np.arange(-1.0, epochs + 1.0)
     body = Rotation.from_euler("z", time_s[:, None], degrees=True).as_matrix()
     forward_right_down = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -313,10 +321,10 @@ def attitude_over(epochs):
     )
 
 
-STATE = attitude_over(4)
+STATE = make_attitude(4)
 
 
-def empty_phases(epochs=4):
+def make_empty_phases(epochs=4):
     shape = (epochs, len(SIGNALS), 3)
     return ArrayPhases(
         receiver="rx1",
@@ -329,17 +337,17 @@ def empty_phases(epochs=4):
     )
 
 
-TRUE = predict_directions(empty_phases(), STATE, NAVIGATION)
+TRUE = predict_directions(make_empty_phases(), STATE, NAVIGATION)
 
 
-def array_records(rng, direction=TRUE):
-    """Signals from `direction` (epochs, n, 3) with all the errors that `INS_SETTINGS` state."""
+def draw_array_records(rng, direction=TRUE):
+    """Draw signals from `direction` (epochs, n, 3) with all the errors that `INS_SETTINGS` state."""
     elements = ELEMENTS_M + INS_SETTINGS.position_sigma_m * rng.standard_normal(ELEMENTS_M.shape)
     rot = Rotation.from_rotvec(np.radians(INS_SETTINGS.attitude_sigma_deg) * rng.standard_normal(3)).as_matrix()
     phase = direction @ rot.T @ elements.T * L1_HZ / SPEED_OF_LIGHT_M_S
     phase = phase + INS_SETTINGS.bias_sigma_cyc * rng.standard_normal(3) + rng.random((*phase.shape[:2], 1))
     phase = phase + SIGMA_CYC * rng.standard_normal(phase.shape)
-    made = replace(empty_phases(), phase_cyc=phase - np.floor(phase))
+    made = replace(make_empty_phases(), phase_cyc=phase - np.floor(phase))
     return Records(
         start_gpst=START,
         end_gpst=START + np.timedelta64(4, "s"),
@@ -355,19 +363,19 @@ TURN_RAD = 0.05 * np.pi  # from sample to sample
 ARM = SpinArm(receiver="rx1", radius_m=0.5 * SPEED_OF_LIGHT_M_S / L1_HZ, rate_rad_s=10.0 * TURN_RAD)
 
 
-def spin_series(rng, directions, n, *, trials=(), rate=TURN_RAD, start=0.0, sigma=SIGMA_CYC):
-    """Phases of signals with any cycles and a receiver clock that is new at each sample."""
+def draw_spin_phases(rng, directions, n, *, trials=(), rate=TURN_RAD, start=0.0, sigma=SIGMA_CYC):
+    """Draw phases of signals with any cycles and a receiver clock that is new at each sample."""
     phase = directions @ arm_columns(arm_angles(n, rate, start_rad=start), 0.5).T
     shape = (*trials, *phase.shape)
     phase = phase + sigma * rng.standard_normal(shape) + rng.integers(-50, 50, (*shape[:-1], 1))
     return phase + 10.0 * rng.standard_normal((*trials, 1, n))
 
 
-def spin_records(rng, directions, *, n=150, arm=ARM, rate=TURN_RAD, slip=None, sigma=SIGMA_CYC):
-    """Signals from level `directions` (count, 2) on an arm, each with a drift and a curvature of its own."""
+def draw_spin_records(rng, directions, *, n=150, arm=ARM, rate=TURN_RAD, slip=None, sigma=SIGMA_CYC):
+    """Draw signals from level `directions` (count, 2) on an arm, each with its own drift and curvature."""
     count = len(directions)
     t = np.arange(n) / 10.0
-    phase = spin_series(rng, directions, n, rate=rate, start=2.0, sigma=sigma)
+    phase = draw_spin_phases(rng, directions, n, rate=rate, start=2.0, sigma=sigma)
     phase = phase + rng.normal(0, 500, (count, 1)) * t + 0.3 * rng.standard_normal((count, 1)) * t**2
     if slip is not None:
         phase[slip, 70:] += 0.5

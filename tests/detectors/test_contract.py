@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from tests.detectors import nulls
-from tests.detectors.bands.test_detector import two_bands
-from tests.detectors.own_fixes.test_detector import HOME, fixes_at
+from tests.detectors.bands.test_detector import make_two_bands
+from tests.detectors.own_fixes.test_detector import HOME, make_fixes
 
 from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettings
 from skyproof.detectors.array.ins_array import InsArray
@@ -84,10 +84,10 @@ class Case:
     conservative: str | None = None
 
 
-def drawn_fixes(rng: np.random.Generator) -> Records:
+def draw_fixes(rng: np.random.Generator) -> Records:
     """Draw records of a receiver that gives its own fixes too."""
     records = CLEAN.records(rng)
-    return replace(records, own_fixes={"rx1": fixes_at(np.arange(10.0), HOME + rng.normal(0.0, 10.0, (10, 3)))})
+    return replace(records, own_fixes={"rx1": make_fixes(np.arange(10.0), HOME + rng.normal(0.0, 10.0, (10, 3)))})
 
 
 ALONE = MeasuredScene(antennas_enu_m={"rx1": (0.0, 0.0, 0.0)}, epochs=4, errors=TrackErrors(1.0, constant_m=1.0))
@@ -95,7 +95,7 @@ LAT_DEG, LON_DEG, HEIGHT_M = ALONE.place_deg
 HOME_ECEF_M = {"rx1": ecef_from_geodetic(np.radians(LAT_DEG), np.radians(LON_DEG), HEIGHT_M)}
 
 
-def few_satellites(rng: np.random.Generator) -> Records:
+def draw_few_satellites(rng: np.random.Generator) -> Records:
     """Draw records of five satellites, of which no position is made."""
     records = ALONE.records(rng)
     (o,) = records.observations
@@ -118,16 +118,16 @@ def find_before(records: Records) -> Records:
     return replace(records, findings=(nothing,))
 
 
-def standing(rng: np.random.Generator) -> Records:
+def draw_standing(rng: np.random.Generator) -> Records:
     """Draw records of a receiver that stands where it was surveyed."""
     stands = Standing(stands=True, oscillator=None, by=("standing",), assumes=("receiver_stands",))
     at_home = place_surveyed(stands, HOME_ECEF_M["rx1"], 0.01 * np.eye(3))
     return replace(find_before(ALONE.records(rng)), standing={"rx1": at_home})
 
 
-def two_false_skies(rng: np.random.Generator) -> Records:
+def draw_two_false_skies(rng: np.random.Generator) -> Records:
     """Draw records of a receiver that stands elsewhere than either of its skies shows, under an attack."""
-    records = standing(rng)
+    records = draw_standing(rng)
     (true,) = records.sets
     middle = len(true.signals) // 2
     sets = tuple(
@@ -156,7 +156,7 @@ def move_receiver(rng: np.random.Generator) -> Records:
     return replace(find_before(ALONE.records(rng)), inertial={"rx1": unit})
 
 
-def snapshots(rng: np.random.Generator) -> Records:
+def draw_snapshots(rng: np.random.Generator) -> Records:
     """Draw records of a snapshot of which the receiver reports a change once in ten."""
     records = ALONE.records(rng)
     (o,) = records.observations
@@ -181,8 +181,8 @@ class NotOneAntenna(MultiReceiver):
         ], state
 
 
-def white(rate: float) -> MultiReceiver:
-    """Without the allowance for noise that is not white: exact, so that too few false alarms are a fault as well."""
+def make_white(rate: float) -> MultiReceiver:
+    """Turn off the allowance for noise that is not white, so that too few false alarms are a fault as well."""
     return NotOneAntenna(
         MultiReceiverSettings(
             false_alarm_probability=rate, multipath_sigma_m=0.0, correlation_max=0.0, error_bound_m=np.inf
@@ -191,7 +191,7 @@ def white(rate: float) -> MultiReceiver:
 
 
 CASES = (
-    Case("one antenna, white noise", lambda: white(0.1), CAPTURED.records, 1000, 10_000, AUTHENTIC),
+    Case("one antenna, white noise", lambda: make_white(0.1), CAPTURED.records, 1000, 10_000, AUTHENTIC),
     Case(
         "one antenna, as it comes",
         MultiReceiver,
@@ -212,7 +212,7 @@ CASES = (
     Case(
         "a true sky with echoes, antennas known",
         lambda: MultiReceiver(MultiReceiverSettings(false_alarm_probability=0.01, antennas_enu_m=PLACES)),
-        lambda rng: nulls.with_echoes(rng, ECHOING),
+        lambda rng: nulls.draw_echoes(rng, ECHOING),
         50,
         2000,
         conservative="most satellites have no second signal, and tests share the rate",
@@ -220,7 +220,7 @@ CASES = (
     Case(
         "echoes",
         lambda: SecondSignals(SecondSignalsSettings(false_alarm_probability=0.02)),
-        nulls.with_echoes,
+        nulls.draw_echoes,
         400,
         20_000,
         conservative="most satellites have no second signal, which is less than a p-value of 1 says",
@@ -235,7 +235,7 @@ CASES = (
     Case(
         "unrelated second signals",
         lambda: Residual(ResidualSettings(false_alarm_probability=0.3, unrelated_spread_m=60.0)),
-        nulls.with_unrelated,
+        nulls.draw_unrelated,
         30,
         500,
         conservative="a union bound over all sets that could be formed, at the worst geometry",
@@ -243,7 +243,7 @@ CASES = (
     Case(
         "near reflections, and some that are none",
         lambda: Dccaf(DccafSettings(false_alarm_probability=0.1, no_reflection_probability=0.1, multipath_sigma_m=2.0)),
-        nulls.with_near_reflections,
+        nulls.draw_near_reflections,
         10,
         300,
         conservative="two tests share the rate, counts are whole, and not every near signal is told from a reflection",
@@ -260,7 +260,7 @@ CASES = (
     Case(
         "two bands under an ionosphere",
         lambda: Bands(BandsSettings(false_alarm_probability=0.3)),
-        two_bands,
+        make_two_bands,
         60,
         1000,
         ("undecided",),
@@ -278,7 +278,7 @@ CASES = (
     Case(
         "few satellites at a known place",
         lambda: CodesAtPlace(CodesAtPlaceSettings(false_alarm_probability=0.3, positions_ecef_m=HOME_ECEF_M)),
-        few_satellites,
+        draw_few_satellites,
         40,
         400,
         ("undecided",),
@@ -287,7 +287,7 @@ CASES = (
     Case(
         "a receiver that stands where it was surveyed",
         lambda: StatedPlace(StatedPlaceSettings(false_alarm_probability=0.3)),
-        standing,
+        draw_standing,
         40,
         400,
         ("undecided",),
@@ -304,7 +304,7 @@ CASES = (
     Case(
         "snapshots that stay what they are",
         Snapshots,
-        snapshots,
+        draw_snapshots,
         40,
         400,
         conservative="it never speaks of an attack",
@@ -339,7 +339,7 @@ CASES = (
     Case(
         "fixes that go on",
         lambda: OwnFixes(OwnFixesSettings(false_alarm_probability=0.3)),
-        drawn_fixes,
+        draw_fixes,
         40,
         400,
         ("undecided",),
@@ -372,7 +372,7 @@ CASES = (
     Case(
         "one position",
         lambda: VectorSqm(VectorSqmSettings(0.1, multipath_sigma_m=0.0, ionosphere_share=0.0)),
-        nulls.with_vector_taps,
+        nulls.draw_vector_taps,
         250,
         5000,
         ("undecided",),
@@ -381,7 +381,7 @@ CASES = (
     Case(
         "a true sky",
         lambda: InsArray(nulls.INS_SETTINGS),
-        nulls.array_records,
+        nulls.draw_array_records,
         300,
         10_000,
         conservative="half of the rate for each of two tests, which share alarms",
@@ -389,7 +389,7 @@ CASES = (
     Case(
         "two signals of one antenna",
         lambda: ArrayCommon(ArrayCommonSettings(false_alarm_probability=0.05)),
-        lambda rng: nulls.window(nulls.array_phases(rng, nulls.somewhere(rng, 2))),
+        lambda rng: nulls.make_window(nulls.draw_array_phases(rng, nulls.draw_one_direction(rng, 2))),
         1000,
         20_000,
         AUTHENTIC,
@@ -397,7 +397,7 @@ CASES = (
     Case(
         "six signals of one antenna",
         lambda: ArrayCommon(ArrayCommonSettings(false_alarm_probability=0.2)),
-        lambda rng: nulls.window(nulls.array_phases(rng, nulls.somewhere(rng, 6))),
+        lambda rng: nulls.make_window(nulls.draw_array_phases(rng, nulls.draw_one_direction(rng, 6))),
         50,
         5000,
         AUTHENTIC,
@@ -406,7 +406,7 @@ CASES = (
     Case(
         "a true sky",
         lambda: ArrayCommon(ArrayCommonSettings(false_alarm_probability=0.02)),
-        lambda rng: nulls.window(nulls.array_phases(rng, nulls.anywhere(rng, 6))),
+        lambda rng: nulls.make_window(nulls.draw_array_phases(rng, nulls.draw_directions(rng, 6))),
         400,
         20_000,
         conservative="a union bound over all choices of signals, at the worst direction",
@@ -414,7 +414,7 @@ CASES = (
     Case(
         "two signals of one antenna",
         lambda: Spin(SpinSettings(false_alarm_probability=0.05)),
-        lambda rng: nulls.spin_records(rng, nulls.somewhere(rng, 2)[:, :2]),
+        lambda rng: nulls.draw_spin_records(rng, nulls.draw_one_direction(rng, 2)[:, :2]),
         800,
         20_000,
         AUTHENTIC,
@@ -422,7 +422,7 @@ CASES = (
     Case(
         "five signals of one antenna",
         lambda: Spin(SpinSettings(false_alarm_probability=0.2)),
-        lambda rng: nulls.spin_records(rng, nulls.somewhere(rng, 5)[:, :2]),
+        lambda rng: nulls.draw_spin_records(rng, nulls.draw_one_direction(rng, 5)[:, :2]),
         50,
         5000,
         AUTHENTIC,
@@ -431,7 +431,7 @@ CASES = (
     Case(
         "a true sky",
         lambda: Spin(SpinSettings(false_alarm_probability=0.02)),
-        lambda rng: nulls.spin_records(rng, nulls.anywhere(rng, 5)[:, :2], sigma=0.08),
+        lambda rng: nulls.draw_spin_records(rng, nulls.draw_directions(rng, 5)[:, :2], sigma=0.08),
         400,
         10_000,
         conservative="a union bound over all choices of signals, at the worst direction",
@@ -439,7 +439,7 @@ CASES = (
     Case(
         "two false skies",
         Prediction,
-        two_false_skies,
+        draw_two_false_skies,
         50,
         500,
         AUTHENTIC,
@@ -496,5 +496,5 @@ def test_multi_receiver_false_alarms_hold_at_both_rates(receivers, epochs):
     rng = np.random.default_rng(6)
     for rate, windows in ((0.01, 4000), (0.001, 4000)):
         check_false_alarms(
-            lambda rate=rate: white(rate), (captured.records(rng) for _ in range(windows)), alarms=AUTHENTIC
+            lambda rate=rate: make_white(rate), (captured.records(rng) for _ in range(windows)), alarms=AUTHENTIC
         )

@@ -36,7 +36,7 @@ class Odd:
 
 
 def register(monkeypatch, *points):
-    """Entry points of (name, package, what is loaded or raised)."""
+    """Register entry points of (name, package, what is loaded or raised)."""
 
     def load(what):
         if isinstance(what, Exception):
@@ -153,12 +153,12 @@ def test_a_finding_that_cannot_be_used_fails_the_contract(changes, fault):
     records = SCENE.records(np.random.default_rng(1))
     reporter = base.Reporter(Odd(), records, Hypothesis.CONTINUOUS)
 
-    def found(**changed: object) -> Finding:
+    def find(**changed: object) -> Finding:
         finding = reporter.find(base.signals_of(records.observations), "goes_on", {Cause.CLEAN: 0.5})
         return replace(finding, **changed)
 
-    assert registry.find_result_fault(Odd(), records, ([found()], None)) is None
-    assert fault in registry.find_result_fault(Odd(), records, ([found(**changes)], None))
+    assert registry.find_result_fault(Odd(), records, ([find()], None)) is None
+    assert fault in registry.find_result_fault(Odd(), records, ([find(**changes)], None))
 
 
 @pytest.mark.parametrize("given", [None, [], Evidence, ([None], None)])

@@ -21,12 +21,12 @@ ERRORS = TrackErrors(sigma_m=1.0, constant_m=1.0)
 ONE = {"rx1": (0.0, 0.0, 0.0)}
 
 
-def scene(**changes):
+def draw_scene(**changes):
     return MeasuredScene(**({"antennas_enu_m": ONE, "errors": ERRORS, "epochs": 10} | changes))
 
 
 def shift_ranges(records, column, metres):
-    """The same records with one channel's pseudoranges moved."""
+    """Move one channel's pseudoranges."""
     first = records.observations[0]
     pseudorange_m = first.pseudorange_m.copy()
     pseudorange_m[:, column] += metres
@@ -34,14 +34,14 @@ def shift_ranges(records, column, metres):
 
 
 def test_a_clean_sky_fits_one_position():
-    (evidence,) = Residual().examine(scene().records(np.random.default_rng(0)))[0]
+    (evidence,) = Residual().examine(draw_scene().records(np.random.default_rng(0)))[0]
     assert (evidence.says, evidence.code) == ("clean", "fits")
 
 
 @pytest.mark.parametrize("metres", [-60.0, 900.0, -1.7e6])
 def test_a_single_fault_is_named_and_nothing_else(metres):
     # What comes early, or later than any street makes it, is no reflection.
-    records = scene().records(np.random.default_rng(0))
+    records = draw_scene().records(np.random.default_rng(0))
     (finding,) = Residual().examine(shift_ranges(records, 4, metres))[0]
     assert (finding.says, finding.code) == ("undecided", "single_misfit")
     assert finding.data["excluded"] == str(records.observations[0].signals[4])
@@ -51,7 +51,7 @@ def test_a_single_fault_is_named_and_nothing_else(metres):
 
 @pytest.mark.parametrize("late_m", [(60.0,), (60.0, 140.0)])
 def test_satellites_that_come_late_are_reflected(late_m):
-    records = scene().records(np.random.default_rng(0))
+    records = draw_scene().records(np.random.default_rng(0))
     for column, metres in enumerate(late_m, 3):
         records = shift_ranges(records, column, metres)
     (reflected,) = Residual().examine(records)[0]
@@ -62,14 +62,14 @@ def test_satellites_that_come_late_are_reflected(late_m):
 
 
 def test_misfits_of_seven_satellites_are_reflections_of_one():
-    records = scene(max_satellites=7).records(np.random.default_rng(0))
+    records = draw_scene(max_satellites=7).records(np.random.default_rng(0))
     both_shifted = shift_ranges(shift_ranges(records, 3, 60.0), 4, 140.0)
     (finding,) = Residual().examine(both_shifted)[0]
     assert finding.code == "misfit"
 
 
-def lowest(records):
-    """Column of the satellite that stands lowest, and all elevations, degrees."""
+def find_lowest(records):
+    """Return the column of the lowest satellite, and all elevations, degrees."""
     (o,), (chosen,) = records.observations, records.sets
     sats = [elevation_rad(records.navigation, (chosen,), signal.sat) for signal in o.signals]
     return int(np.argmin(sats)), np.degrees(sats)
@@ -77,8 +77,8 @@ def lowest(records):
 
 @pytest.mark.parametrize("mask_deg", [35.0, 10.0])
 def test_no_satellite_below_the_mask_makes_the_word(mask_deg):
-    records = scene(mask_deg=3.0).records(np.random.default_rng(0))
-    column, elevation_deg = lowest(records)
+    records = draw_scene(mask_deg=3.0).records(np.random.default_rng(0))
+    column, elevation_deg = find_lowest(records)
     assert elevation_deg.min() < 10.0
     moved = shift_ranges(records, column, 60.0)
     (low,) = Residual(ResidualSettings(elevation_mask_deg=0.0)).examine(moved)[0]
@@ -92,21 +92,21 @@ def test_no_satellite_below_the_mask_makes_the_word(mask_deg):
 
 
 def test_too_few_satellites_above_the_mask_are_the_reason():
-    records = scene().records(np.random.default_rng(0))
+    records = draw_scene().records(np.random.default_rng(0))
     (evidence,) = Residual(ResidualSettings(elevation_mask_deg=75.0)).examine(records)[0]
     assert (evidence.says, evidence.code) == ("undecided", "few_above_mask")
 
 
 def test_no_satellite_above_the_mask_means_no_test():
     # Such a window ended the run.
-    records = scene().records(np.random.default_rng(1))
+    records = draw_scene().records(np.random.default_rng(1))
     (finding,), _ = Residual(ResidualSettings(elevation_mask_deg=89.9)).examine(records)
     assert finding.says == "undecided"
 
 
 @pytest.mark.parametrize("columns", [(4,), (4, 7), (1, 4, 7)])
 def test_satellites_farther_off_than_any_echo_have_wrong_orbits(columns):
-    records = scene().records(np.random.default_rng(0))
+    records = draw_scene().records(np.random.default_rng(0))
     (sky,) = records.sets
     wrong = [records.observations[0].signals[column] for column in columns]
     right_signals = tuple(signal for signal in sky.signals if signal not in wrong)
@@ -121,14 +121,14 @@ def test_satellites_farther_off_than_any_echo_have_wrong_orbits(columns):
 
 def test_no_single_signal_is_blamed_beside_second_ones():
     # A channel that has been led away beside a second sky is no fault of its satellite.
-    records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
+    records = draw_scene(false=(FalseSky(),)).records(np.random.default_rng(0))
     (evidence,) = Residual().examine(replace(shift_ranges(records, 4, 60.0), sets=records.sets[:1]))[0]
     assert (evidence.says, evidence.code) == ("undecided", "misfit_with_second_signals")
     assert evidence.data["doubled"] == len(records.sets[1].signals)
 
 
 def test_a_mixture_is_no_single_fault():
-    records = scene().records(np.random.default_rng(0))
+    records = draw_scene().records(np.random.default_rng(0))
     for column, metres in ((1, 200.0), (4, 330.0), (7, -150.0), (9, 500.0)):
         records = shift_ranges(records, column, metres)
     (evidence,) = Residual().examine(records)[0]
@@ -136,7 +136,7 @@ def test_a_mixture_is_no_single_fault():
 
 
 def test_two_skies_are_an_attack():
-    records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
+    records = draw_scene(false=(FalseSky(),)).records(np.random.default_rng(0))
     found = find_consistent_sets(records.observations[0], records.navigation)
     (evidence,) = Residual().examine(replace(records, sets=found))[0]
     assert evidence.says == "attack"
@@ -146,13 +146,13 @@ def test_two_skies_are_an_attack():
 
 def test_a_false_sky_at_the_true_place_shows_by_its_time():
     late = FalseSky(shows_enu_m=(0.0, 0.0, 0.0))
-    (evidence,) = Residual().examine(scene(false=(late,)).records(np.random.default_rng(0)))[0]
+    (evidence,) = Residual().examine(draw_scene(false=(late,)).records(np.random.default_rng(0)))[0]
     assert (evidence.says, evidence.code) == ("attack", "several_skies")
     assert evidence.data["times_apart_s"] > 1e-7
 
 
 def test_a_small_second_set_proves_nothing():
-    records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
+    records = draw_scene(false=(FalseSky(),)).records(np.random.default_rng(0))
     sky, false = records.sets
     few = replace(false, signals=false.signals[:5], statistic=1.0, dof=1)
     (evidence,) = Residual().examine(replace(records, sets=(sky, few)))[0]
@@ -161,7 +161,7 @@ def test_a_small_second_set_proves_nothing():
 
 def test_sets_that_may_be_chance_do_not_hide_a_misfit():
     # Half of the satellites show another place, one signal each: too few for a second sky.
-    records = scene().records(np.random.default_rng(0))
+    records = draw_scene().records(np.random.default_rng(0))
     (o,), (sky,) = records.observations, records.sets
     _, geometry = fix_and_geometry(o, records.navigation)
     codes_m = o.pseudorange_m.copy()
@@ -176,7 +176,7 @@ def test_sets_that_may_be_chance_do_not_hide_a_misfit():
 
 
 def test_four_signals_are_no_second_sky():
-    records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
+    records = draw_scene(false=(FalseSky(),)).records(np.random.default_rng(0))
     sky, false = records.sets
     four = replace(false, signals=false.signals[:4], statistic=0.0, dof=0)
     (evidence,) = Residual().examine(replace(records, sets=(sky, four)))[0]
@@ -184,7 +184,7 @@ def test_four_signals_are_no_second_sky():
 
 
 def test_the_chance_counts_sets_of_second_signals_only():
-    records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
+    records = draw_scene(false=(FalseSky(),)).records(np.random.default_rng(0))
     sky, false = records.sets
     mean = average_window(records.observations[0])
     sigma_m = [np.hypot(mean.sigma_m[mean.signals.index(s)], 1.0) for s in false.signals]
@@ -195,14 +195,14 @@ def test_the_chance_counts_sets_of_second_signals_only():
 @pytest.mark.parametrize(("of", "least", "most"), [(5, 1e-2, 1.0), (10, 0.0, 1e-7)])
 def test_few_satellites_of_another_kind_fit_elsewhere_by_chance(of, least, most):
     # As where their orbits or clocks are wrong by some hundred metres, each by its own: no second sky.
-    o, sky, galileo = beside_galileo("E1")
-    other = elsewhere(sky, galileo["E1"][:of], 400.0)
+    o, sky, galileo = draw_with_galileo("E1")
+    other = show_elsewhere(sky, galileo["E1"][:of], 400.0)
     assert least <= second_sky_p_value(o, (sky, other), unrelated_spread_m=300.0) <= most
 
 
-def beside_galileo(*bands):
+def draw_with_galileo(*bands):
     """Return a sky's observations with as many satellites of Galileo in each band, its set, and signals by band."""
-    records = scene().records(np.random.default_rng(0))
+    records = draw_scene().records(np.random.default_rng(0))
     (sky,), (o,) = records.sets, records.observations
     galileo = {
         band: tuple(replace(s, sat=f"E{number:02d}", band=band, code="C") for number, s in enumerate(o.signals, 1))
@@ -218,7 +218,7 @@ def beside_galileo(*bands):
     return every, sky, galileo
 
 
-def elsewhere(sky, signals, off_m):
+def show_elsewhere(sky, signals, off_m):
     dof = len(signals) - 4
     return replace(sky, signals=signals, position_ecef_m=sky.position_ecef_m + off_m, statistic=1.0, dof=dof)
 
@@ -226,10 +226,10 @@ def elsewhere(sky, signals, off_m):
 def test_bands_of_the_same_satellites_form_no_more_sets():
     # Signals of a satellite take one way: three bands of eight satellites are eight paths and no 6561 sets.
     bands = ("E1", "E5a", "E5b")
-    o, sky, galileo = beside_galileo(*bands)
+    o, sky, galileo = draw_with_galileo(*bands)
     alone, every = (
         echoes_p_value(
-            o, elsewhere(sky, sum((galileo[band][:8] for band in some_bands), ()), 400.0), unrelated_spread_m=300.0
+            o, show_elsewhere(sky, sum((galileo[band][:8] for band in some_bands), ()), 400.0), unrelated_spread_m=300.0
         )
         for some_bands in (bands[:1], bands)
     )
@@ -238,9 +238,9 @@ def test_bands_of_the_same_satellites_form_no_more_sets():
 
 
 def test_what_is_kilometres_off_had_kilometres_to_be_in():
-    o, sky, galileo = beside_galileo("E1")
+    o, sky, galileo = draw_with_galileo("E1")
     near, far = (
-        second_sky_p_value(o, (sky, elsewhere(sky, galileo["E1"][:8], off_m)), unrelated_spread_m=300.0)
+        second_sky_p_value(o, (sky, show_elsewhere(sky, galileo["E1"][:8], off_m)), unrelated_spread_m=300.0)
         for off_m in (100.0, 8000.0)
     )
     assert 0.0 < far < 1e-4 * near
@@ -248,15 +248,15 @@ def test_what_is_kilometres_off_had_kilometres_to_be_in():
 
 def test_a_signal_of_the_other_skys_kind_hides_no_sky():
     # A false band beside which one signal of the true band fits by chance.
-    o, sky, galileo = beside_galileo("E1")
-    pure = elsewhere(sky, galileo["E1"][:9], 400.0)
+    o, sky, galileo = draw_with_galileo("E1")
+    pure = show_elsewhere(sky, galileo["E1"][:9], 400.0)
     mixed = replace(pure, signals=(*pure.signals, sky.signals[-1]))
     true = replace(sky, signals=sky.signals[:-1])
     assert second_sky_p_value(o, (true, mixed), unrelated_spread_m=300.0) < 1e-6
 
 
 def test_the_chance_of_a_second_set_falls_with_its_size():
-    records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
+    records = draw_scene(false=(FalseSky(),)).records(np.random.default_rng(0))
     sky, false = records.sets
     observations = records.observations[0]
     by_size = [
@@ -272,7 +272,7 @@ def test_the_chance_of_a_second_set_falls_with_its_size():
 
 
 def test_four_satellites_are_too_few_to_be_clean():
-    (evidence,) = Residual().examine(scene(max_satellites=4).records(np.random.default_rng(0)))[0]
+    (evidence,) = Residual().examine(draw_scene(max_satellites=4).records(np.random.default_rng(0)))[0]
     assert (evidence.says, evidence.code) == ("undecided", "few_ranges")
     assert evidence.data["ranged"] == 4
 
@@ -289,11 +289,11 @@ def test_settings_that_make_no_sense_are_refused(wrong):
 @cache
 def clean_skies(draws=100):
     rng = np.random.default_rng(5)
-    return [scene(epochs=4).records(rng) for _ in range(draws)]
+    return [draw_scene(epochs=4).records(rng) for _ in range(draws)]
 
 
-def fits(errors, seed=6):
-    """The fit of each of several clean skies with errors (n,) of ranges beside noise."""
+def draw_fits(errors, seed=6):
+    """Fit each of several clean skies with errors (n,) of ranges beside noise."""
     rng, settings, found = np.random.default_rng(seed), ResidualSettings(false_alarm_probability=0.5), []
     for records in clean_skies():
         (o,) = records.observations
@@ -302,14 +302,14 @@ def fits(errors, seed=6):
     return found
 
 
-def two_by_any_amount(rng, n):
+def draw_two_faults(rng, n):
     errors_m = np.zeros(n)
     errors_m[rng.choice(n, 2, replace=False)] = rng.normal(0.0, 500.0, 2)
     return errors_m
 
 
 CAUSES = {
-    "two faults": (two_by_any_amount, lambda fit, rate: fit.p_value_without_two(rate)),
+    "two faults": (draw_two_faults, lambda fit, rate: fit.p_value_without_two(rate)),
     "all late": (lambda rng, n: rng.uniform(0.0, 300.0, n), lambda fit, rate: fit.p_value_with_errors(0.0, 300.0)),
     "all drawn off": (
         lambda rng, n: rng.uniform(-300.0, 300.0, n),
@@ -325,7 +325,7 @@ CAUSES = {
 @pytest.mark.parametrize("cause", CAUSES)
 def test_no_cause_is_rejected_more_often_than_stated(cause):
     errors, p_value = CAUSES[cause]
-    drawn = fits(errors)
+    drawn = draw_fits(errors)
     for rate in (0.1, 0.02):
         rejected = sum(p_value(fit, rate) < rate for fit in drawn)
         assert stats.binomtest(rejected, len(drawn), rate, alternative="greater").pvalue > 1e-3
@@ -333,7 +333,7 @@ def test_no_cause_is_rejected_more_often_than_stated(cause):
 
 def test_a_mixture_of_skies_far_apart_is_none_of_the_causes():
     # Five of ten satellites show a place 4 km away: the orbits alone remain.
-    records = scene().records(np.random.default_rng(0))
+    records = draw_scene().records(np.random.default_rng(0))
     (o,) = records.observations
     _, geometry = fix_and_geometry(o, records.navigation)
     codes_m = o.pseudorange_m.copy()

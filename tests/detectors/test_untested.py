@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.detectors import nulls
-from tests.detectors.own_fixes.test_detector import HOME, fixes_at
+from tests.detectors.own_fixes.test_detector import HOME, make_fixes
 
 from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettings
 from skyproof.detectors.array.ins_array import InsArray
@@ -40,23 +40,23 @@ SCENE = {"antennas_enu_m": nulls.ONE, "errors": TrackErrors(1.0, constant_m=1.0)
 BOTH = {"rx1": (0.0, 0.0, 0.0), "rx2": (40.0, 0.0, 0.0)}
 
 
-def rng():
+def make_rng():
     return np.random.default_rng(5)
 
 
 def clean(**changes):
-    return MeasuredScene(**(SCENE | changes)).records(rng())
+    return MeasuredScene(**(SCENE | changes)).records(make_rng())
 
 
-def with_cells(records, number=0, **cells):
-    """With these cells of a receiver's observations, as functions of them."""
+def change_cells(records, number=0, **cells):
+    """Change these cells of a receiver's observations by functions of them."""
     observations = list(records.observations)
     o = observations[number]
     observations[number] = replace(o, **{name: change(o) for name, change in cells.items()})
     return replace(records, observations=tuple(observations))
 
 
-def nothing(o):
+def drop_all(o):
     return np.full(o.status.shape, np.nan)
 
 
@@ -64,21 +64,21 @@ STANDING = CodesAtPlaceSettings(speed_max_m_s=0.0)
 AT_PLACE = CodesAtPlaceSettings(positions_ecef_m={"rx1": np.array([3e6, 1e6, 5.5e6])})
 
 
-def rename_detector(records, names):
-    """With other names of the signals, which are in no set then."""
+def rename_signals(records, names):
+    """Give the signals other names, which are in no set."""
     (o,) = records.observations
     return replace(records, observations=(replace(o, signals=tuple(names(o.signals))),), sets=())
 
 
-def orbits_of(records, count):
-    """With the orbits of so many satellites alone."""
+def keep_orbits(records, count):
+    """Keep the orbits of so many satellites."""
     sats = [signal.sat for signal in records.observations[0].signals][:count]
     known = tuple(e for e in records.navigation.ephemerides if e.sat in sats)
     return replace(records, navigation=replace(records.navigation, ephemerides=known))
 
 
-def later(records, seconds):
-    """The same receiver's records so much later."""
+def shift_time(records, seconds):
+    """Move the same receiver's records to so much later."""
     by = np.timedelta64(round(seconds * 1e9), "ns")
     observations = tuple(replace(o, gpst=o.gpst + by, elapsed_s=o.elapsed_s + seconds) for o in records.observations)
     return replace(
@@ -86,28 +86,28 @@ def later(records, seconds):
     )
 
 
-def with_taps(change, kind="taps", records=None):
-    records = nulls.take_looks(rng()) if records is None else records
+def change_taps(change, kind="taps", records=None):
+    records = nulls.take_looks(make_rng()) if records is None else records
     (taps,) = getattr(records, kind)
     return replace(records, **{kind: (change(taps),)})
 
 
-def without_channels(taps, kept):
+def drop_channels(taps, kept):
     value = taps.value.copy()
     value[:, kept:] = np.nan
     return replace(taps, value=value)
 
 
-def first_of_two_skies():
-    """A second set of five signals, which unrelated ones make by chance."""
+def add_chance_set():
+    """Add a second set of five signals, which unrelated ones make by chance."""
     records = clean(false=(FalseSky(),))
     sky, false = records.sets
     return replace(records, sets=(sky, replace(false, signals=false.signals[:5], statistic=1.0, dof=1)))
 
 
-def one_satellite():
-    """Channels of a vector receiver of which those of one satellite alone go through the window."""
-    records = nulls.with_vector_taps(rng())
+def keep_one_satellite():
+    """Keep the channels of a vector receiver of which those of one satellite last through the window."""
+    records = nulls.draw_vector_taps(make_rng())
     (o,), (taps,) = records.observations, records.vector_taps
     rows = [0] * 5 + list(range(1, len(o.signals)))
     signals = tuple(replace(o.signals[0], copy="abcde"[k]) for k in range(5)) + o.signals[1:]
@@ -124,28 +124,28 @@ def one_satellite():
     )
 
 
-def grids_of(satellites):
-    records = nulls.with_ccaf(nulls.CLEAN_CCAF.records(rng()), rng())
+def make_grids(satellites):
+    records = nulls.draw_ccaf(nulls.CLEAN_CCAF.records(make_rng()), make_rng())
     (grid,) = records.ccaf
     value = np.array(grid.value)
     value[:, satellites:] = np.nan
     return replace(records, ccaf=(replace(grid, value=value),))
 
 
-def with_phases(change, directions=None):
-    directions = nulls.anywhere(rng(), 6) if directions is None else directions
-    return nulls.window(change(nulls.array_phases(rng(), directions, side=1.0)))
+def change_phases(change, directions=None):
+    directions = nulls.draw_directions(make_rng(), 6) if directions is None else directions
+    return nulls.make_window(change(nulls.draw_array_phases(make_rng(), directions, side=1.0)))
 
 
-def one_antenna(phases):
+def keep_one_antenna(phases):
     phase = phases.phase_cyc.copy()
     phase[..., 1:] = np.nan
     return replace(phases, phase_cyc=phase)
 
 
-def turning(n=150, signals=8, bent=0):
-    level = nulls.anywhere(rng(), signals)[:, :2]
-    records = nulls.spin_records(rng(), level, n=n)
+def make_turning(n=150, signals=8, bent=0):
+    level = nulls.draw_directions(make_rng(), signals)[:, :2]
+    records = nulls.draw_spin_records(make_rng(), level, n=n)
     (o,) = records.observations
     carrier = o.carrier_cyc.copy()
     carrier[:, :bent] += 0.2 * np.sin(2.0 * np.pi * 0.37 * o.elapsed_s)[:, None]
@@ -153,18 +153,18 @@ def turning(n=150, signals=8, bent=0):
 
 
 def open_delays():
-    """Second signals that have no range yet."""
+    """Make second signals that have no range yet."""
     n = nulls.ECHOING
-    records = nulls.with_seconds(rng(), np.ones(n, bool))
+    records = nulls.draw_second_signals(make_rng(), np.ones(n, bool))
     unknown = np.arange(2 * n) >= n
-    return with_cells(records, pseudorange_m=lambda o: np.where(unknown, np.nan, o.pseudorange_m))
+    return change_cells(records, pseudorange_m=lambda o: np.where(unknown, np.nan, o.pseudorange_m))
 
 
-def pair(**changes):
+def make_pair(**changes):
     return clean(antennas_enu_m=BOTH, **changes)
 
 
-def sets_of(records, *changes):
+def list_sets(records, *changes):
     return replace(records, sets=tuple(change(chosen) for change, chosen in zip(changes, records.sets, strict=True)))
 
 
@@ -172,8 +172,8 @@ def keep_records(first, stop):
     return lambda one: replace(one, signals=one.signals[first:stop])
 
 
-def two_windows(detector, first, second):
-    """What is said of the second one."""
+def examine_second(detector, first, second):
+    """Examine two windows and return the findings of the second."""
     _, state = detector.examine(first)
     return detector.examine(second, state)[0]
 
@@ -191,7 +191,7 @@ CASES = {
         lambda: examine_all(Residual(), clean(max_satellites=4)),
         "4 satellites in rx1 have pseudo",
     ),
-    ("residual", "few_orbits"): (lambda: examine_all(Residual(), orbits_of(clean(), 3)), "the orbits of 3 of"),
+    ("residual", "few_orbits"): (lambda: examine_all(Residual(), keep_orbits(clean(), 3)), "the orbits of 3 of"),
     ("residual", "few_above_mask"): (
         lambda: examine_all(Residual(ResidualSettings(elevation_mask_deg=75.0)), clean()),
         "stand above the elevation mask of 75 degrees",
@@ -199,110 +199,113 @@ CASES = {
     ("residual", "no_position"): (
         lambda: examine_all(
             Residual(),
-            rename_detector(clean(max_satellites=5), lambda own: (*own[:3], *(replace(s, code="1C") for s in own[3:]))),
+            rename_signals(clean(max_satellites=5), lambda own: (*own[:3], *(replace(s, code="1C") for s in own[3:]))),
         ),
         "the 5 satellites in rx1 give no position",
     ),
     ("residual", "sets_by_chance"): (
-        lambda: examine_all(Residual(), first_of_two_skies()),
+        lambda: examine_all(Residual(), add_chance_set()),
         "unrelated signals can do so",
     ),
     ("dccaf", "few_grids"): (
-        lambda: examine_all(Dccaf(), grids_of(4)),
+        lambda: examine_all(Dccaf(), make_grids(4)),
         "4 satellites in rx1 have whole correlation grids",
     ),
     ("sqm", "no_pair"): (
-        lambda: examine_all(Sqm(), with_taps(lambda t: replace(t, delays_chips=t.delays_chips + 0.01))),
+        lambda: examine_all(Sqm(), change_taps(lambda t: replace(t, delays_chips=t.delays_chips + 0.01))),
         "no pair of correlators symmetric",
     ),
     ("sqm", "few_looks"): (
-        lambda: examine_all(Sqm(), nulls.take_looks(rng(), n=60)),
+        lambda: examine_all(Sqm(), nulls.take_looks(make_rng(), n=60)),
         "60 outputs of the correlators of rx1",
     ),
     ("sqm", "few_signals"): (
-        lambda: examine_all(Sqm(), with_taps(lambda t: without_channels(t, 3))),
+        lambda: examine_all(Sqm(), change_taps(lambda t: drop_channels(t, 3))),
         "3 signals of rx1 were tracked without a break",
     ),
     ("sqm", "several_of_a_satellite"): (
         lambda: examine_all(
             Sqm(),
-            with_taps(lambda t: replace(t, signals=(*t.signals[:5], *(replace(s, copy="b") for s in t.signals[:5])))),
+            change_taps(lambda t: replace(t, signals=(*t.signals[:5], *(replace(s, copy="b") for s in t.signals[:5])))),
         ),
         "0 of 5 satellites in rx1 have only one signal",
     ),
     ("vector_sqm", "no_pair"): (
         lambda: examine_all(
             VectorSqm(),
-            with_taps(
+            change_taps(
                 lambda t: replace(t, delays_chips=np.array([0.4, 0.0, -0.5])),
                 "vector_taps",
-                nulls.with_vector_taps(rng()),
+                nulls.draw_vector_taps(make_rng()),
             ),
         ),
         "no early and late correlators within a chip",
     ),
     ("vector_sqm", "no_position"): (
-        lambda: examine_all(VectorSqm(), with_cells(nulls.with_vector_taps(rng()), pseudorange_m=nothing)),
+        lambda: examine_all(VectorSqm(), change_cells(nulls.draw_vector_taps(make_rng()), pseudorange_m=drop_all)),
         "have ranges and orbits, so there is no position",
     ),
     ("vector_sqm", "few_satellites"): (
         lambda: examine_all(
-            VectorSqm(), with_taps(lambda t: without_channels(t, 4), "vector_taps", nulls.with_vector_taps(rng()))
+            VectorSqm(), change_taps(lambda t: drop_channels(t, 4), "vector_taps", nulls.draw_vector_taps(make_rng()))
         ),
         "4 satellites in rx1 were tracked together",
     ),
     ("vector_sqm", "weak_geometry"): (
-        lambda: examine_all(VectorSqm(), one_satellite()),
+        lambda: examine_all(VectorSqm(), keep_one_satellite()),
         "5 signals in rx1 give no position",
     ),
     ("vector_sqm", "few_looks"): (
-        lambda: examine_all(VectorSqm(), nulls.with_vector_taps(rng(), n=12)),
+        lambda: examine_all(VectorSqm(), nulls.draw_vector_taps(make_rng(), n=12)),
         "the 8 channels of rx1 have 12 common outputs",
     ),
     ("array_common", "few_antennas"): (
-        lambda: examine_all(ArrayCommon(), with_phases(one_antenna)),
+        lambda: examine_all(ArrayCommon(), change_phases(keep_one_antenna)),
         "fewer than two antennas of rx1 give phases",
     ),
     ("array_common", "few_signals"): (
-        lambda: examine_all(ArrayCommon(), with_phases(lambda p: p, nulls.anywhere(rng(), 1))),
+        lambda: examine_all(ArrayCommon(), change_phases(lambda p: p, nulls.draw_directions(make_rng(), 1))),
         "1 signals make no pair",
     ),
     ("array_common", "directions_near"): (
         lambda: examine_all(
-            ArrayCommon(ArrayCommonSettings(1e-6)), with_phases(lambda p: p, nulls.somewhere(rng(), 2))
+            ArrayCommon(ArrayCommonSettings(1e-6)), change_phases(lambda p: p, nulls.draw_one_direction(make_rng(), 2))
         ),
         "are too close to tell apart",
     ),
     ("array_common", "two_skies"): (
-        lambda: examine_all(ArrayCommon(), replace(with_phases(lambda p: p), sets=clean(false=(FalseSky(),)).sets)),
+        lambda: examine_all(ArrayCommon(), replace(change_phases(lambda p: p), sets=clean(false=(FalseSky(),)).sets)),
         "but they form two skies",
     ),
     ("ins_array", "few_antennas"): (
         lambda: examine_all(
-            InsArray(), replace(r := nulls.array_records(rng()), array_phases=(one_antenna(r.array_phases[0]),))
+            InsArray(),
+            replace(r := nulls.draw_array_records(make_rng()), array_phases=(keep_one_antenna(r.array_phases[0]),)),
         )[1:],  # after the antennas that are left out
         "fewer than two antennas of rx1 give phases",
     ),
     ("ins_array", "no_place"): (
-        lambda: examine_all(InsArray(), replace(nulls.array_records(rng()), nav_state={})),
+        lambda: examine_all(InsArray(), replace(nulls.draw_array_records(make_rng()), nav_state={})),
         "the place of rx1 is not known",
     ),
     ("ins_array", "no_signal"): (
-        lambda: examine_all(InsArray(), replace(nulls.array_records(rng()), navigation=NavigationData(ephemerides=()))),
+        lambda: examine_all(
+            InsArray(), replace(nulls.draw_array_records(make_rng()), navigation=NavigationData(ephemerides=()))
+        ),
         "no signal of rx1 is on all antennas while its orbit",
     ),
     ("spin", "no_arm"): (
-        lambda: examine_all(Spin(), replace(turning(), spin_arms=(replace(nulls.ARM, receiver="rx2"),))),
+        lambda: examine_all(Spin(), replace(make_turning(), spin_arms=(replace(nulls.ARM, receiver="rx2"),))),
         "the window has no receiver on an arm",
     ),
     ("spin", "few_signals"): (
-        lambda: examine_all(Spin(), turning(signals=1)),
+        lambda: examine_all(Spin(), make_turning(signals=1)),
         "1 signals of rx1 have an unbroken phase",
     ),
-    ("spin", "few_epochs"): (lambda: examine_all(Spin(), turning(n=5)), "5 epochs of rx1 are too few"),
-    ("spin", "phases_bent"): (lambda: examine_all(Spin(), turning(bent=2)), "do not fit one direction each"),
+    ("spin", "few_epochs"): (lambda: examine_all(Spin(), make_turning(n=5)), "5 epochs of rx1 are too few"),
+    ("spin", "phases_bent"): (lambda: examine_all(Spin(), make_turning(bent=2)), "do not fit one direction each"),
     ("second_signals", "no_cn0"): (
-        lambda: examine_all(SecondSignals(), with_cells(clean(), cn0_dbhz=nothing)),
+        lambda: examine_all(SecondSignals(), change_cells(clean(), cn0_dbhz=drop_all)),
         "rx1 gives no C/N0",
     ),
     ("second_signals", "few_satellites"): (
@@ -322,10 +325,10 @@ CASES = {
         "this is the first window of rx1",
     ),
     ("common_change", "nothing_shared"): (
-        lambda: two_windows(
+        lambda: examine_second(
             CommonChange(),
-            bare := with_cells(clean(), cn0_dbhz=nothing, carrier_cyc=nothing),
-            later(bare, 10.0),
+            bare := change_cells(clean(), cn0_dbhz=drop_all, carrier_cyc=drop_all),
+            shift_time(bare, 10.0),
         ),
         "have code and carrier both now and in earlier windows",
     ),
@@ -338,7 +341,7 @@ CASES = {
         "fewer than 3 epochs of rx1 have a position",
     ),
     ("own_fixes", "few_own_fixes"): (
-        lambda: examine_all(OwnFixes(), replace(clean(), own_fixes={"rx1": fixes_at([0.0, 1.0], [HOME, HOME])})),
+        lambda: examine_all(OwnFixes(), replace(clean(), own_fixes={"rx1": make_fixes([0.0, 1.0], [HOME, HOME])})),
         "rx1 gives fewer than 3 fixes of its own",
     ),
     ("messages", "no_message"): (
@@ -355,7 +358,7 @@ CASES = {
         "rx1 receives no satellite, or one twice",
     ),
     ("known_place", "few_satellites"): (
-        lambda: examine_all(CodesAtPlace(AT_PLACE), replace(orbits_of(clean(), 2), sets=())),
+        lambda: examine_all(CodesAtPlace(AT_PLACE), replace(keep_orbits(clean(), 2), sets=())),
         "fewer than 3 satellites at any epoch of rx1 have codes and orbits",
     ),
     ("snapshot", "long"): (
@@ -368,31 +371,31 @@ CASES = {
     ),
     ("bands", "one_band"): (lambda: examine_all(Bands(), clean()), "satellites of rx1 have codes of two bands"),
     ("code_carrier", "no_carrier"): (
-        lambda: examine_all(CodeCarrier(), with_cells(clean(), carrier_cyc=nothing, doppler_hz=nothing)),
+        lambda: examine_all(CodeCarrier(), change_cells(clean(), carrier_cyc=drop_all, doppler_hz=drop_all)),
         "signals of rx1 have code and carrier, or Doppler",
     ),
     ("multi_receiver", "one_set"): (
-        lambda: examine_all(MultiReceiver(), replace(r := pair(), sets=r.sets[:1])),
+        lambda: examine_all(MultiReceiver(), replace(r := make_pair(), sets=r.sets[:1])),
         "no five signals of rx2 fit one position",
     ),
     ("multi_receiver", "few_in_common"): (
-        lambda: examine_all(MultiReceiver(), sets_of(pair(), keep_records(0, 6), keep_records(3, 9))),
+        lambda: examine_all(MultiReceiver(), list_sets(make_pair(), keep_records(0, 6), keep_records(3, 9))),
         "3 satellites are in the consistent sets of rx1 and rx2 alike, and 5 are needed",
     ),
     ("multi_receiver", "few_common_epochs"): (
-        lambda: examine_all(MultiReceiver(), with_cells(pair(), 1, pseudorange_m=nothing)),
+        lambda: examine_all(MultiReceiver(), change_cells(make_pair(), 1, pseudorange_m=drop_all)),
         "no 5 signals of one kind are in rx1 and rx2 over",
     ),
     ("multi_receiver", "sets_by_chance"): (
-        lambda: examine_all(MultiReceiver(), by_chance_in_one()),
+        lambda: examine_all(MultiReceiver(), make_chance_receivers()),
         "which is true was not decided",
     ),
 }
 
 
-def by_chance_in_one():
-    """Receivers of which one has a second set that chance makes."""
-    records = pair(false=(FalseSky(receivers=("rx2",)),))
+def make_chance_receivers():
+    """Make receivers of which one has a second set that chance makes."""
+    records = make_pair(false=(FalseSky(receivers=("rx2",)),))
     *sky, false = records.sets
     return replace(records, sets=(*sky, replace(false, signals=false.signals[:5], statistic=1.0, dof=1)))
 
@@ -406,8 +409,8 @@ def test_a_reason_is_given_where_it_holds(name, code):
     assert explain(found[0]).remedy
 
 
-def reasons_in(path):
-    """The codes that a module states, and its calls of `undecided` without any."""
+def list_reasons(path):
+    """List the codes that a module states, and its calls of `undecided` without any."""
     codes, without = set[str](), list[int]()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         name = getattr(node.func, "attr", getattr(node.func, "id", "")) if isinstance(node, ast.Call) else ""
@@ -422,26 +425,26 @@ def reasons_in(path):
     return codes, without
 
 
-def code_of(part):
-    """What a part of the detectors holds."""
+def read_part(part):
+    """Read the code of a part of the detectors."""
     files = (DETECTORS / part).rglob("*.py") if (DETECTORS / part).is_dir() else [DETECTORS / f"{part}.py"]
     return "".join(path.read_text(encoding="utf-8") for path in files)
 
 
-def texts_of(part):
-    """What the tests of a part of the detectors hold beside the cases here."""
+def read_tests(part):
+    """Read the tests of a part of the detectors, without the cases here."""
     files = (HERE / part).rglob("*.py") if (HERE / part).is_dir() else HERE.glob(f"test_{part}.py")
     return "".join(path.read_text(encoding="utf-8") for path in files)
 
 
 def test_no_reason_in_the_code_is_without_a_test():
     for path in DETECTORS.rglob("*.py"):
-        codes, without = reasons_in(path)
+        codes, without = list_reasons(path)
         assert not without, f"{path}: lines {without} give no code"
         part = path.relative_to(DETECTORS).parts[0].removesuffix(".py")
-        detectors = {name for name, _ in CASES if re.search(f'    name = "{name}"', code_of(part))}
+        detectors = {name for name, _ in CASES if re.search(f'    name = "{name}"', read_part(part))}
         untested = {code for code in codes if not any((name, code) in CASES for name in detectors)}
-        untested = {code for code in untested if f'"{code}"' not in texts_of(part)}
+        untested = {code for code in untested if f'"{code}"' not in read_tests(part)}
         assert not untested, f"{path}: no test holds {untested}"
 
 

@@ -23,7 +23,7 @@ START = np.datetime64("2022-01-01T12:00:00", "ns")
 SIGNALS = tuple(SignalRef("rx1", SignalId(sat, "L1", "CA", "a")) for sat in ("G05", "G07"))
 
 
-def finding(detector="known_place", code="fits", **changes):
+def make_finding(detector="known_place", code="fits", **changes):
     fields = {
         "detector": detector,
         "start_gpst": START,
@@ -35,8 +35,8 @@ def finding(detector="known_place", code="fits", **changes):
     return Finding(**(fields | changes))
 
 
-def words_of(words):
-    """A template as it stands; of a function its first line of documentation."""
+def read_words(words):
+    """Return a template as it stands; of a function, the first line of its documentation."""
     if words is None or isinstance(words, str):
         return words
     return f"({(words.__doc__ or words.__name__).strip().splitlines()[0]})"
@@ -45,9 +45,9 @@ def words_of(words):
 def test_the_table_of_all_sentences_can_be_read(capsys):
     # `make messages` shows it: detector, code, sentence, remedy.
     for detector, code, entry in ENTRIES:
-        print(f"{detector:16}{code:28}{words_of(entry.sentence)}")
+        print(f"{detector:16}{code:28}{read_words(entry.sentence)}")
         if entry.remedy:
-            print(f"{'':44}to resolve: {words_of(entry.remedy)}")
+            print(f"{'':44}to resolve: {read_words(entry.remedy)}")
     for code, text in ASSUMPTIONS.items():
         print(f"{'assumed':16}{code:28}{text}")
     lines = capsys.readouterr().out
@@ -67,8 +67,8 @@ def test_sentences_stand_within_others(detector, code, entry):
             assert all(name for _, name, _, _ in string.Formatter().parse(words) if name is not None)
 
 
-def codes_in(path):
-    """The codes of findings that a module states as they are."""
+def list_codes(path):
+    """List the codes of findings that a module states as they are."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if not isinstance(node, ast.Call):
@@ -87,29 +87,29 @@ def codes_in(path):
 def test_every_code_of_the_product_has_an_entry():
     known = {code for _, code, _ in ENTRIES}
     for path in [*(PACKAGE / "detectors").rglob("*.py"), *(PACKAGE / "fusion").rglob("*.py")]:
-        assert codes_in(path) <= known, path
+        assert list_codes(path) <= known, path
 
 
 def test_an_assumption_is_filled_from_the_finding():
     result = explain(
-        finding("place", "elsewhere", data={"assumes": ("receiver_stands",), "statistic": 3.0, "surveyed": False})
+        make_finding("place", "elsewhere", data={"assumes": ("receiver_stands",), "statistic": 3.0, "surveyed": False})
     )
     assert result.assumptions == ("rx1 does not move",)
     assert result.sentence.startswith("the signals put rx1 3.0 m from where it stood")
 
 
 def test_what_is_lacking_is_named_with_what_gives_it():
-    lacking = finding(code="without_sets", data={"lacking": ("sets",)})
+    lacking = make_finding(code="without_sets", data={"lacking": ("sets",)})
     assert explain(lacking).remedy == NEEDS[Need.SETS]
     assert not stands_beside(lacking)
 
 
 def test_a_detector_of_a_package_without_words_shows_its_code():
-    assert explain(finding("elsewhere", "odd_rate")).sentence == "odd rate"
+    assert explain(make_finding("elsewhere", "odd_rate")).sentence == "odd rate"
 
 
 def test_a_code_without_words_costs_no_run():
-    assert explain(finding(code="unheard_of")).sentence == "unheard of"
+    assert explain(make_finding(code="unheard_of")).sentence == "unheard of"
 
 
 def test_figures_have_units():
@@ -128,7 +128,7 @@ def test_an_entry_has_no_remedy_unless_it_states_one():
 
 
 def test_a_finding_without_a_field_of_its_words_costs_no_run():
-    lacking = finding("torn", "torn", data={"receiver": "rx1"})
+    lacking = make_finding("torn", "torn", data={"receiver": "rx1"})
     assert explain(lacking).sentence == "torn"
     with pytest.raises(KeyError, match="sats"):
         explain(lacking, strict=True)

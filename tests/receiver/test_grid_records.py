@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from tests.detectors.nulls import OVERLAPPED_CCAF, with_ccaf
+from tests.detectors.nulls import OVERLAPPED_CCAF, draw_ccaf
 
 from skyproof.detectors.dccaf.detector import Dccaf
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -17,7 +17,7 @@ from skyproof.records import CcafAsked
 
 def test_grids_become_a_record_in_which_an_attack_shows():
     rng = np.random.default_rng(2)
-    records = with_ccaf(OVERLAPPED_CCAF.records(rng), rng)
+    records = draw_ccaf(OVERLAPPED_CCAF.records(rng), rng)
     (o,), (grid_record,) = records.observations, records.ccaf
     # The clock showed 3 ms more before it was moved.
     week, tow_s = week_and_tow(o.gpst[0])

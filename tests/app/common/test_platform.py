@@ -9,7 +9,7 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
-from tests.facts import facts
+from tests.facts import match_facts
 
 from skyproof.app.common.platform import SCHEMA_PATH, Platform, platform_schema, read_platform
 from skyproof.app.common.platform_tables import (
@@ -261,7 +261,7 @@ def test_a_key_that_makes_no_sense_is_named_with_its_place(tmp_path: Path, text:
     with pytest.raises(SettingsError) as raised:
         read(tmp_path, text)
     assert str(raised.value).startswith(f"{tmp_path / 'platform.toml'}: ")
-    assert re.search(facts(words), str(raised.value))
+    assert re.search(match_facts(words), str(raised.value))
 
 
 def test_every_key_has_a_wrong_example() -> None:

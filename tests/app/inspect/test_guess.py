@@ -204,12 +204,10 @@ MORE = (
 
 
 def find_differences(layout: dict, case: Strange) -> dict:
-    """List what of a guess differs from how the file was made. A header may be a few samples longer or shorter while I
-    and Q stay what they are, and a frequency may be off by 2 ppm, which no satellite separates from the
-    oscillator's error.
+    """List what of a guess differs from how the file was made.
 
-    A header may be a few samples longer or shorter, as long as I and Q stay what they are, and a frequency, which
-    no satellite separates from the oscillator's error, 2 ppm off.
+    A header may be a few samples longer or shorter while I and Q stay what they are, and a frequency may be off by
+    2 ppm, which no satellite separates from the oscillator's error.
     """
     differs = {key: (layout.get(key), value) for key, value in case.layout.items() if layout.get(key) != value}
     frame = 2 * case.layout["bits"] // 8

@@ -13,12 +13,10 @@ TOGETHER_S = 0.02
 
 
 def capture_receiver(own: Observations, other: Observations, row: int, *, rng: np.random.Generator) -> Observations:
-    """Replace what `own` measured from epoch `row` on by what `other` did. Signals that `other` does not have are
-    lost. Clock and noise are those of `other`. Each measurement is moved to the instant at which `own` measures:
-    its label minus its clock.
+    """Replace what `own` measured from epoch `row` on by what `other` did, with its clock and noise.
 
-    Signals that `other` does not have are lost. Each measurement is moved to the instant at which `own` measures, which
-    its label less the clock says.
+    Signals that `other` does not have are lost. Each measurement is moved to the instant at which `own` measures:
+    its label minus its clock.
     """
     other, _ = fill_dopplers(other)
     nearest = np.clip(np.searchsorted(other.gpst, own.gpst - np.timedelta64(20, "ms")), 0, other.gpst.size - 1)

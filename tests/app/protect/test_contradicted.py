@@ -69,10 +69,7 @@ WRONG = {
 
 
 def record_scene(name, folder, stated=None, **attack):
-    """Record a scene that is described in full. attack : changes the scene. stated : changes its description.
-
-    attack : what is changed about it.
-    """
+    """Record a scene that is described in full. attack : changes the scene. stated : changes its description."""
     scenario = read_ready_made(name)
     attacks = tuple(one.model_copy(update=attack) for one in scenario.attacks)
     found = equip(scenario.model_copy(update={**CHANGES, "attacks": attacks}), "everything")

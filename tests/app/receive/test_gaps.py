@@ -57,9 +57,9 @@ def receive(samples, navigation):
 
 
 def measure_range_errors_m(o, scene, missing_s):
-    """Measure errors of pseudoranges, (n_epochs, n_signals), less what all share in an epoch. The clock may step at a
-    gap. missing_s : by so much the samples after the cut are older than their number says.
+    """Measure errors of pseudoranges, (n_epochs, n_signals), less what all share in an epoch.
 
+    The clock may step at a gap.
     missing_s : by so much the samples after the cut are older than their number says.
     """
     (sky,) = scene.skies

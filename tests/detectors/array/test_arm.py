@@ -26,7 +26,7 @@ SCENE = MeasuredScene(
 FROM = np.radians(160.0), np.radians(25.0)
 
 
-def turning(
+def make_turning(
     rng,
     false=3,
     *,
@@ -40,7 +40,7 @@ def turning(
     lasting_cyc=0.0,
     radius_m=RADIUS_M,
 ):
-    """A window of an arm that turns clockwise, with `false` satellites imitated from one direction.
+    """Make a window of an arm that turns clockwise, with `false` satellites imitated from one direction.
 
     beside : columns of true signals within a chip of which a false one of half their amplitude is drawn off.
     between : within a chip of every true signal is a false one that is as strong and stays: the sum of their waves
@@ -64,13 +64,13 @@ def turning(
             orbit = records.navigation.best(o.signals[k].sat, SCENE.start_gpst)
             where = compute_satellite_state_s(orbit, week, tow_s).position_ecef_m
             az, el = compute_azimuth_elevation(records.sets[0].position_ecef_m, where)
-        towards = direction_of((az, el))
+        towards = make_direction((az, el))
         if moved_rad is not None and k == 0:
             across = np.cross(towards, rng.normal(size=3))
             towards = np.cos(moved_rad) * towards + np.sin(moved_rad) * across / np.linalg.norm(across)
         carrier[:, k] -= place @ towards * L1_HZ / SPEED_OF_LIGHT_M_S
         carrier[:, k] += lasting_cyc * np.column_stack([np.cos(arm), np.sin(arm)]) @ rng.normal(size=2)
-        apart = place @ (towards - direction_of(FROM)) * L1_HZ / SPEED_OF_LIGHT_M_S
+        apart = place @ (towards - make_direction(FROM)) * L1_HZ / SPEED_OF_LIGHT_M_S
         if between:
             carrier[:, k] += 0.5 * apart
         if k in beside:
@@ -86,8 +86,8 @@ def turning(
     return replace(records, observations=(part,), sets=records.sets[:1])
 
 
-def direction_of(azimuth_elevation_rad):
-    """Unit vector, north, east and up."""
+def make_direction(azimuth_elevation_rad):
+    """Return the unit vector north, east and up."""
     az, el = azimuth_elevation_rad
     return np.array([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)])
 
@@ -115,7 +115,7 @@ CASES = {
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("made", "stated"), CASES.values(), ids=CASES.keys())
 def test_false_signals_are_named_and_true_ones_stay_authentic(made, stated, seed):
-    records = turning(np.random.default_rng(seed), **made)
+    records = make_turning(np.random.default_rng(seed), **made)
     words, evidence = examine_records(records, **stated)
     signals = records.observations[0].signals
     assert words == {
@@ -132,7 +132,7 @@ def test_false_signals_are_named_and_true_ones_stay_authentic(made, stated, seed
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("made", "stated"), CASES.values(), ids=CASES.keys())
 def test_a_true_sky_is_authentic(made, stated, seed):
-    records = turning(np.random.default_rng(seed), false=0, **made)
+    records = make_turning(np.random.default_rng(seed), false=0, **made)
     words, _ = examine_records(records, **stated)
     assert words == {"authentic": set(records.observations[0].signals)}
 
@@ -141,7 +141,7 @@ def test_most_false_signals_ten_degrees_off_are_named():
     # One in six was, as errors were counted twice; theory with all others known exactly says nine in ten.
     named = []
     for seed in range(12):
-        records = turning(np.random.default_rng([10, seed]), false=0, moved_rad=np.radians(10.0))
+        records = make_turning(np.random.default_rng([10, seed]), false=0, moved_rad=np.radians(10.0))
         words, _ = examine_records(records, alpha=1e-5)
         named.append(words.get("spoofed", set()) == {records.observations[0].signals[0]})
     assert sum(named) >= 9
@@ -154,7 +154,7 @@ def test_errors_of_arm_and_phases_as_stated_raise_no_alarm(lasting_cyc):
     for seed in range(50):
         rng = np.random.default_rng([20, seed])
         wrong = {"radius_m": RADIUS_M + rng.normal(0.0, 0.002), "tilt_rad": abs(rng.normal(0.0, np.radians(2.0)))}
-        words, _ = examine_records(turning(rng, false=0, **wrong, lasting_cyc=lasting_cyc), alpha=0.05)
+        words, _ = examine_records(make_turning(rng, false=0, **wrong, lasting_cyc=lasting_cyc), alpha=0.05)
         alarms += "spoofed" in words
     assert binom.sf(alarms - 1, 50, 0.05) > 1e-3
 
@@ -163,7 +163,7 @@ def test_errors_of_arm_and_phases_as_stated_raise_no_alarm(lasting_cyc):
 def test_a_signal_of_no_single_direction_is_not_authentic(orbits):
     # A takeover within a chip: every phase is of two directions, and shows a third one.
     for beside in ((2,), (1, 4), tuple(range(9))):
-        records = turning(np.random.default_rng(4), false=0, beside=beside)
+        records = make_turning(np.random.default_rng(4), false=0, beside=beside)
         words, _ = examine_records(records if orbits else replace(records, navigation=None), alpha=1e-4)
         signals = records.observations[0].signals
         bent = {signals[k] for k in beside}
@@ -177,7 +177,7 @@ def test_after_several_mixed_signals_none_is_authentic_a_minute():
     # What averages out in a window by its speed is still there.
     rng = np.random.default_rng(4)
     arm = SpinArm(receiver="rx1", radius_m=RADIUS_M, rate_rad_s=2.0 * np.pi * RATE_HZ)
-    clear, bent = (replace(turning(rng, false=0, beside=beside), spin_arms=(arm,)) for beside in ((), (1, 4)))
+    clear, bent = (replace(make_turning(rng, false=0, beside=beside), spin_arms=(arm,)) for beside in ((), (1, 4)))
     detector, state, words = Spin(SpinSettings(false_alarm_probability=1e-4)), None, {}
     for after_s, window in ((-20, clear), (0, bent), (15, clear), (65, clear), (75, clear)):
         at = clear.start_gpst + np.timedelta64(after_s, "s")
@@ -192,7 +192,7 @@ def test_after_several_mixed_signals_none_is_authentic_a_minute():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_directions_other_than_the_satellites_are_not_authentic(seed):
-    records = turning(np.random.default_rng(seed), false=0, between=True)
+    records = make_turning(np.random.default_rng(seed), false=0, between=True)
     words, (finding,) = examine_records(records)
     assert set(words) == {"undecided"}
     assert (finding.code, finding.may_also_be) == ("not_from_satellites", (Cause.REFLECTIONS, Cause.STATEMENT))
@@ -200,7 +200,7 @@ def test_directions_other_than_the_satellites_are_not_authentic(seed):
 
 
 def test_without_orbits_signals_are_compared_with_each_other():
-    records = turning(np.random.default_rng(1), false=7)
+    records = make_turning(np.random.default_rng(1), false=7)
     words, evidence = examine_records(replace(records, navigation=None), alpha=1e-3)
     assert words == {"spoofed": {s for s in records.observations[0].signals if s.copy == "b"}}
     assert not evidence[0].directions

@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from scipy.stats import binom
-from tests.detectors.nulls import array_phases, window
+from tests.detectors.nulls import draw_array_phases, make_window
 
 from skyproof.detectors.array.array_common import (
     ArrayCommon,
@@ -153,7 +153,7 @@ def test_a_clusters_chance_is_at_least_that_of_random_skies(size):
 def test_signals_of_one_antenna_are_named_but_no_true_one():
     rng = np.random.default_rng(11)
     direction = np.vstack([SKY[:1], np.repeat(SKY[6:7], 5, axis=0)])
-    evidence, _ = ArrayCommon().examine(window(array_phases(rng, direction)))
+    evidence, _ = ArrayCommon().examine(make_window(draw_array_phases(rng, direction)))
     (finding,) = evidence
     assert finding.says == "spoofed"
     assert [ref.signal.sat for ref in finding.signals] == ["G02", "G03", "G04", "G05", "G06"]
@@ -163,10 +163,10 @@ def test_signals_of_one_antenna_are_named_but_no_true_one():
 def test_of_two_signals_from_the_transmitter_neither_is_named():
     # The satellite stands behind the transmitter: one of them is its own.
     rng = np.random.default_rng(12)
-    phases = array_phases(rng, np.repeat(SKY[6:7], 6, axis=0))
+    phases = draw_array_phases(rng, np.repeat(SKY[6:7], 6, axis=0))
     twice = SignalId("G02", copy="b")
     phases = replace(phases, signals=(*phases.signals[:5], twice))
-    evidence, _ = ArrayCommon().examine(window(phases))
+    evidence, _ = ArrayCommon().examine(make_window(phases))
     (finding,) = evidence
     assert (finding.says, finding.code) == ("spoofed", "one_direction")
     assert (finding.data["size"], finding.data["of"]) == (5, 5)
@@ -176,16 +176,16 @@ def test_of_two_signals_from_the_transmitter_neither_is_named():
 @pytest.mark.parametrize("share", [0.1, 0.5])
 def test_a_channel_that_lost_its_signal_is_not_compared(share):
     rng = np.random.default_rng(13)
-    phases = array_phases(rng, np.repeat(SKY[6:7], 6, axis=0), epochs=20)
+    phases = draw_array_phases(rng, np.repeat(SKY[6:7], 6, axis=0), epochs=20)
     phase_cyc = phases.phase_cyc.copy()
     phase_cyc[round(share * 20) :, 2] = np.nan
-    evidence, _ = ArrayCommon().examine(window(replace(phases, phase_cyc=phase_cyc)))
+    evidence, _ = ArrayCommon().examine(make_window(replace(phases, phase_cyc=phase_cyc)))
     (finding,) = evidence
     assert len(finding.signals) == (5 if share < 0.2 else 6)
 
 
 def test_a_sky_of_eight_is_authentic():
-    evidence, _ = ArrayCommon().examine(window(array_phases(np.random.default_rng(12), SKY)))
+    evidence, _ = ArrayCommon().examine(make_window(draw_array_phases(np.random.default_rng(12), SKY)))
     assert [e.says for e in evidence] == ["authentic"]
     assert len(evidence[0].signals) == 8
 
@@ -194,35 +194,35 @@ def test_two_equal_antennas_are_one_or_hear_one_transmitter():
     # Phases of two receiver channels behind one splitter, 42 ms long.
     seen_cyc = [0.272, 0.275, 0.273, 0.266, 0.273, 0.274, 0.275, 0.272]
     elements = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])
-    phases = array_phases(np.random.default_rng(14), SKY, epochs=2, elements=elements)
+    phases = draw_array_phases(np.random.default_rng(14), SKY, epochs=2, elements=elements)
     phase_cyc = np.zeros((2, 8, 2))
     phase_cyc[..., 1] = seen_cyc
     alike = replace(phases, phase_cyc=phase_cyc, sigma_cyc=np.full(phase_cyc.shape, 0.003), lasting_sigma_cyc=0.01)
     detector = ArrayCommon(ArrayCommonSettings(false_alarm_probability=1e-9))
-    (found,), _ = detector.examine(window(alike))
+    (found,), _ = detector.examine(make_window(alike))
     assert (found.code, found.says, found.may_also_be) == ("one_direction_or_antenna", "undecided", (Cause.STATEMENT,))
     assert found.failed
     assert found.p[Cause.CLEAN] < 1e-9
     phase_cyc[:, 0, 1] = 0.9
     detector = ArrayCommon(ArrayCommonSettings(false_alarm_probability=1e-4))
-    (found,), _ = detector.examine(window(replace(alike, phase_cyc=phase_cyc)))
+    (found,), _ = detector.examine(make_window(replace(alike, phase_cyc=phase_cyc)))
     assert (found.code, found.says, len(found.signals)) == ("one_direction", "spoofed", 7)
 
 
 def test_two_signals_from_one_place_are_too_few_to_tell():
-    phases = array_phases(np.random.default_rng(13), np.repeat(SKY[:1], 2, axis=0))
-    (finding,), _ = ArrayCommon().examine(window(phases))
+    phases = draw_array_phases(np.random.default_rng(13), np.repeat(SKY[:1], 2, axis=0))
+    (finding,), _ = ArrayCommon().examine(make_window(phases))
     assert (finding.says, finding.p) == ("undecided", {})
 
 
 def test_missing_antennas_cost_only_their_cells():
     rng = np.random.default_rng(14)
-    phases = array_phases(rng, SKY)
+    phases = draw_array_phases(rng, SKY)
     holed = phases.phase_cyc.copy()
     holed[0, :, 1] = np.nan
     holed[:, 3, 2] = np.nan
     made = {name: getattr(phases, name) for name in ("receiver", "signals", "gpst", "elapsed_s", "elements_m")}
-    (finding,), _ = ArrayCommon().examine(window(ArrayPhases(**made, phase_cyc=holed, sigma_cyc=phases.sigma_cyc)))
+    (finding,), _ = ArrayCommon().examine(make_window(ArrayPhases(**made, phase_cyc=holed, sigma_cyc=phases.sigma_cyc)))
     assert finding.says == "authentic"
     assert "G04" not in {ref.signal.sat for ref in finding.signals}
     assert len(finding.signals) == 7

@@ -44,23 +44,23 @@ TILT = np.radians(0.05) ** 2
 SKY_DEG = np.array([(20, 15), (75, 40), (110, 65), (160, 25), (205, 50), (250, 20), (300, 35), (340, 75)], float)
 
 
-def towards(*pairs_deg):
+def draw_directions(*pairs_deg):
     return direction_cosines(*np.radians(np.array(pairs_deg, float).T))
 
 
-SKY = towards(*SKY_DEG)
+SKY = draw_directions(*SKY_DEG)
 
 
-def noncentrality(side, predicted, received):
-    apart = array_design(equilateral_triangle(side)) @ (towards(predicted) - towards(received))[0]
+def compute_noncentrality(side, predicted, received):
+    apart = array_design(equilateral_triangle(side)) @ (draw_directions(predicted) - draw_directions(received))[0]
     return float(mahalanobis_squared(apart, WHITE))
 
 
-def power(p_fa, far, dof=2):
+def compute_power(p_fa, far, dof=2):
     return noncentral_chi_square_survival(chi_square_threshold(p_fa, dof), dof, far)
 
 
-def errors_of(side, sky=SKY, **changes):
+def list_errors(side, sky=SKY, **changes):
     settings = {"position_sigma_cyc": POSITION, "attitude_covariance_rad2": TILT} | changes
     return residual_covariance(equilateral_triangle(side), sky, sigma_cyc=SIGMA, **settings)
 
@@ -88,16 +88,16 @@ def test_the_threshold_and_the_noncentrality_for_a_power():
     ],
 )
 def test_operating_characteristics_of_figures_5_and_6(side, predicted, received, far, powers):
-    assert noncentrality(side, predicted, received) == pytest.approx(far, abs=5e-5)
-    np.testing.assert_allclose(power([1e-4, 1e-3, 1e-2, 1e-1], far), powers, atol=6e-5)
+    assert compute_noncentrality(side, predicted, received) == pytest.approx(far, abs=5e-5)
+    np.testing.assert_allclose(compute_power([1e-4, 1e-3, 1e-2, 1e-1], far), powers, atol=6e-5)
 
 
 def test_the_direction_printed_for_figure_5_is_always_found():
-    assert noncentrality(1, (20, 40), (121, 40)) == pytest.approx(6988, abs=1)
+    assert compute_noncentrality(1, (20, 40), (121, 40)) == pytest.approx(6988, abs=1)
 
 
 def test_blocks_of_figure_7():
-    predicted = towards((40, 35), (160, 20), (240, 55), (320, 70), (120, 70))
+    predicted = draw_directions((40, 35), (160, 20), (240, 55), (320, 70), (120, 70))
     on_degrees = direction_cosines(*np.radians(np.meshgrid(np.arange(360), np.arange(91)))).reshape(-1, 3)
     design, middle = array_design(equilateral_triangle(1)), blocks()
     assert list(measure_dead_zone(predicted, on_degrees, design, WHITE)) == [123, 217, 119, 177, 177]
@@ -108,7 +108,7 @@ def test_blocks_of_figure_7():
 
 def test_blocks_of_figure_8():
     received = blocks(azimuth_place=0.0).direction
-    predicted = towards(*((2.5, el) for el in np.arange(2.5, 90, 5)))
+    predicted = draw_directions(*((2.5, el) for el in np.arange(2.5, 90, 5)))
     expected = {
         1: [162, 174, 190, 208, 184, 146, 128, 116, 112, 112, 122, 126, 136, 162, 200, 276, 466, 1402],
         5: [18, 24, 12, 10, 6, 6, 6, 6, 6, 6, 4, 4, 4, 4, 6, 8, 14, 40],
@@ -119,18 +119,20 @@ def test_blocks_of_figure_8():
 
 def test_the_worst_blocks_1554_and_232_to_the_block():
     received = blocks(azimuth_place=0.0).direction
-    predicted = towards(*((0.5, el) for el in np.arange(85.5, 90)))
+    predicted = draw_directions(*((0.5, el) for el in np.arange(85.5, 90)))
     for side, counts in ((1, [898, 1240, 1402, 1500, 1554]), (5, [22, 28, 40, 66, 232])):
         assert list(measure_dead_zone(predicted, received, array_design(equilateral_triangle(side)), WHITE)) == counts
 
 
 def test_blocks_with_whole_cycles_unknown():
     received = blocks().direction
-    predicted = towards(*((0, el) for el in (2.5, 22.5, 45.5, 67.5, 89.5)))
+    predicted = draw_directions(*((0, el) for el in (2.5, 22.5, 45.5, 67.5, 89.5)))
     for side, counts in ((1, [564, 420, 346, 420, 1554]), (5, [482, 438, 474, 598, 676])):
         design = array_design(equilateral_triangle(side))
         assert list(measure_dead_zone(predicted, received, design, WHITE, wrapped=True)) == counts
-    worst = measure_dead_zone(towards((0.5, 89.5)), blocks(azimuth_place=0.0).direction, design, WHITE, wrapped=True)
+    worst = measure_dead_zone(
+        draw_directions((0.5, 89.5)), blocks(azimuth_place=0.0).direction, design, WHITE, wrapped=True
+    )
     assert worst == [686]
 
 
@@ -150,7 +152,7 @@ def test_a_weighted_map_sums_the_share_of_the_hemisphere():
     grid = blocks(0.25)
     design = array_design(equilateral_triangle(1))
     assert grid.share.sum() == pytest.approx(1.0)
-    predicted = towards((40, 35), (160, 20), (240, 55), (320, 70))
+    predicted = draw_directions((40, 35), (160, 20), (240, 55), (320, 70))
     share = measure_dead_zone(predicted, grid.direction, design, WHITE, weight=grid.share)
     np.testing.assert_allclose(100 * share, [0.487, 0.992, 0.336, 0.292], rtol=0.015)
 
@@ -161,7 +163,7 @@ def test_a_weighted_map_sums_the_share_of_the_hemisphere():
 def test_an_uncalibrated_antenna_makes_27_percent_false_alarms():
     stretch = 1.0 + (POSITION / SIGMA) ** 2
     assert stretch == pytest.approx(3.4854, abs=1.5e-4)  # 3.48548 with the wavelength of 190.29 mm
-    covariance = errors_of(1, towards((148, 30)), attitude_covariance_rad2=0.0)
+    covariance = list_errors(1, draw_directions((148, 30)), attitude_covariance_rad2=0.0)
     np.testing.assert_allclose(covariance, stretch * WHITE, rtol=1e-12)
     assert float(chi_square_survival(chi_square_threshold(0.01, 2) / stretch, 2)) == pytest.approx(0.2668, abs=5e-5)
 
@@ -179,21 +181,21 @@ def test_an_uncalibrated_antenna_makes_27_percent_false_alarms():
 def test_power_by_the_quality_of_the_antenna_positions(sigma_mm, nominal, powers):
     stretch = 1.0 + (0.001 * sigma_mm / 0.19029 / SIGMA) ** 2
     assert float(chi_square_survival(chi_square_threshold(0.01, 2) / stretch, 2)) == pytest.approx(nominal, abs=6e-5)
-    np.testing.assert_allclose(power(0.01, np.array([1.5906, 4.6266, 23.8335]) / stretch), powers, atol=6e-4)
+    np.testing.assert_allclose(compute_power(0.01, np.array([1.5906, 4.6266, 23.8335]) / stretch), powers, atol=6e-4)
 
 
 def test_averaging_meets_a_floor_that_calibration_does_not():
-    apart = array_design(equilateral_triangle(1)) @ (towards((148.04, 30.85)) - towards((150, 23)))[0]
+    apart = array_design(equilateral_triangle(1)) @ (draw_directions((148.04, 30.85)) - draw_directions((150, 23)))[0]
     for sigma_mm, expected in ((3, {1: 0.406, 10: 0.567, 100: 0.588, 10**9: 0.590}), (0.3, {1: 0.972, 10: 1.000})):
         for epochs, p_d in expected.items():
             covariance = residual_covariance(
                 equilateral_triangle(1),
-                towards((148.04, 30.85)),
+                draw_directions((148.04, 30.85)),
                 sigma_cyc=SIGMA / np.sqrt(epochs),
                 position_sigma_cyc=0.001 * sigma_mm / 0.19029,
                 attitude_covariance_rad2=TILT,
             )
-            assert float(power(0.01, mahalanobis_squared(apart, covariance))) == pytest.approx(p_d, abs=1e-3)
+            assert float(compute_power(0.01, mahalanobis_squared(apart, covariance))) == pytest.approx(p_d, abs=1e-3)
 
 
 @pytest.mark.parametrize(("side", "alone", "given", "unbiased"), [(1, 3.488, 1.484, 1.741), (5, 3.553, 1.486, 1.747)])
@@ -203,16 +205,16 @@ def test_what_the_other_satellites_show_of_the_errors(side, alone, given, unbias
         blocks = [np.linalg.inv(block) if invert else block for block in blocks]
         return np.mean([np.trace(np.linalg.solve(WHITE, block)) / 2 for block in blocks])
 
-    covariance = errors_of(side)
+    covariance = list_errors(side)
     assert np.linalg.eigvalsh(covariance).min() > 0.0
     assert mean_ratio(covariance, False) == pytest.approx(alone, abs=1e-3)
     assert mean_ratio(np.linalg.inv(covariance), True) == pytest.approx(given, abs=1e-3)
-    biased = np.linalg.inv(errors_of(side, bias_sigma_cyc=100.0))
+    biased = np.linalg.inv(list_errors(side, bias_sigma_cyc=100.0))
     assert mean_ratio(biased, True) == pytest.approx(unbiased, abs=1e-3)
 
 
-def drawn(rng, trials, side, sky=SKY, elements=None, bias=0.0, tilt=TILT, sigma=SIGMA):
-    """Residuals of true signals under errors of positions, lines and attitude, by exact rotations, any cycles."""
+def draw_residuals(rng, trials, side, sky=SKY, elements=None, bias=0.0, tilt=TILT, sigma=SIGMA):
+    """Draw residuals of true signals under errors of positions, lines and attitude, by exact rotations."""
     elements = equilateral_triangle(side) if elements is None else elements
     wrong = elements + POSITION * rng.standard_normal((trials, *elements.shape))
     rot = Rotation.from_rotvec(np.sqrt(tilt) * rng.standard_normal((trials, 3))).as_matrix()
@@ -225,12 +227,12 @@ def drawn(rng, trials, side, sky=SKY, elements=None, bias=0.0, tilt=TILT, sigma=
 @pytest.mark.parametrize("side", [1, 5])
 def test_calibrated_tests_alarm_at_the_rate_asked_for(side):
     rng = np.random.default_rng(side)
-    z = drawn(rng, 20_000, side, bias=0.02)
+    z = draw_residuals(rng, 20_000, side, bias=0.02)
     z = z + rng.integers(-3, 4, z.shape)
-    covariance = errors_of(side, bias_sigma_cyc=0.02)
+    covariance = list_errors(side, bias_sigma_cyc=0.02)
     blocks = np.array([covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(8)])
     near = subtract_nearest_whole(z, blocks)[0]
-    without_bias, its_covariance = subtract_first_signal(near, errors_of(side))
+    without_bias, its_covariance = subtract_first_signal(near, list_errors(side))
     p_values = {
         "single": chi_square_survival(single_statistic(z, blocks, wrapped=True)[:, 3], 2),
         "joint": chi_square_survival(joint_statistic(z, covariance, wrapped=True), 16),
@@ -247,8 +249,8 @@ def test_calibrated_tests_alarm_at_the_rate_asked_for(side):
 @pytest.mark.long
 @pytest.mark.parametrize("side", [1, 5])
 def test_calibrated_p_values_are_uniform(side):
-    z = drawn(np.random.default_rng(side), 100_000, side)
-    covariance = errors_of(side)
+    z = draw_residuals(np.random.default_rng(side), 100_000, side)
+    covariance = list_errors(side)
     joint = chi_square_survival(joint_statistic(z, covariance, wrapped=True), 16)
     conditional = chi_square_survival(conditional_statistics(z, covariance, wrapped=True), 2)
     for p in (joint, *conditional.T):
@@ -257,9 +259,9 @@ def test_calibrated_p_values_are_uniform(side):
 
 
 def test_the_first_order_attitude_model_matches_rotations():
-    z = drawn(np.random.default_rng(2), 40_000, 5, tilt=np.radians(0.5) ** 2)
+    z = draw_residuals(np.random.default_rng(2), 40_000, 5, tilt=np.radians(0.5) ** 2)
     counted = np.cov(z.reshape(len(z), -1).T)
-    covariance = errors_of(5, attitude_covariance_rad2=np.radians(0.5) ** 2)
+    covariance = list_errors(5, attitude_covariance_rad2=np.radians(0.5) ** 2)
     np.testing.assert_allclose(counted, covariance, atol=0.03 * np.diag(covariance).max())
 
 
@@ -332,17 +334,17 @@ def test_what_a_direction_cannot_cause_is_kept_apart():
     ],
 )
 def test_power_on_one_satellite_of_eight(side, shift, clean, alone, given, joint):
-    moved = towards(*((az, el + (shift if el < 70 else -shift)) for az, el in SKY_DEG))
+    moved = draw_directions(*((az, el + (shift if el < 70 else -shift)) for az, el in SKY_DEG))
     apart = (moved - SKY) @ array_design(equilateral_triangle(side)).T
-    covariance = errors_of(side)
+    covariance = list_errors(side)
     one_false = np.zeros((8, 8, 2))
     one_false[np.arange(8), np.arange(8)] = apart
     blocks = np.array([covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(8)])
     found = {
-        clean: power(0.01, single_statistic(apart, WHITE)),
-        alone: power(0.01, single_statistic(apart, blocks)),
-        given: power(0.01, np.diag(conditional_statistics(one_false, covariance))),
-        joint: power(0.01, joint_statistic(one_false, covariance), 16),
+        clean: compute_power(0.01, single_statistic(apart, WHITE)),
+        alone: compute_power(0.01, single_statistic(apart, blocks)),
+        given: compute_power(0.01, np.diag(conditional_statistics(one_false, covariance))),
+        joint: compute_power(0.01, joint_statistic(one_false, covariance), 16),
     }
     for expected, p_d in found.items():
         assert np.mean(p_d) == pytest.approx(expected, abs=1e-3)
@@ -352,7 +354,7 @@ def test_power_on_one_satellite_of_eight(side, shift, clean, alone, given, joint
 
 
 def test_blind_directions_of_a_long_triangle():
-    true_direction = towards((148, 30))[0]
+    true_direction = draw_directions((148, 30))[0]
     blind = blind_directions(true_direction, equilateral_triangle(5))
     assert len(blind) == 69
     assert np.min(np.linalg.norm(blind - true_direction, axis=-1)) < 1e-12
@@ -375,7 +377,7 @@ def test_no_blind_direction_below_0_577_wavelengths():
 
 def test_a_blind_direction_is_found_only_without_whole_cycles():
     rng = np.random.default_rng(6)
-    apart = array_design(equilateral_triangle(1)) @ (towards((335.97, 73.10)) - towards((148, 30)))[0]
+    apart = array_design(equilateral_triangle(1)) @ (draw_directions((335.97, 73.10)) - draw_directions((148, 30)))[0]
     z = apart + rng.multivariate_normal([0, 0], WHITE, 50_000)
     assert np.all(single_statistic(z, WHITE) > 9.2103)
     assert np.mean(single_statistic(z, WHITE, wrapped=True) > 9.2103) == pytest.approx(0.0106, abs=0.0014)
@@ -395,7 +397,7 @@ def test_longer_baselines_need_known_cycles_to_see_more(side, plain, wrapped):
     assert found == pytest.approx(wrapped, rel=0.06)
 
 
-def block_diagonal(*matrices):
+def make_block_diagonal(*matrices):
     size = sum(len(m) for m in matrices)
     whole, at = np.zeros((size, size)), 0
     for m in matrices:
@@ -409,7 +411,7 @@ def test_two_frequencies_two_scales_or_a_fourth_antenna_mend_it():
         design, covariance = array_design(elements), white_covariance([SIGMA] * len(elements))
         if l2:
             design = np.vstack([design, design * 60 / 77])
-            covariance = block_diagonal(covariance, covariance)
+            covariance = make_block_diagonal(covariance, covariance)
         received = hemisphere(30_000)
         if sphere:
             received = np.vstack([received, -received])
@@ -437,7 +439,7 @@ def test_no_single_source_hides_from_eight_satellites():
         apart = (hemisphere(20_000)[:, None] - SKY) @ design.T
         found = joint_statistic(apart, np.kron(np.eye(8), WHITE), wrapped=True).min()
         assert found == pytest.approx(least, rel=0.01)  # the reference: 400 000 random sources, no errors
-        found = joint_statistic(apart, errors_of(side), wrapped=True).min()
+        found = joint_statistic(apart, list_errors(side), wrapped=True).min()
         assert found == pytest.approx(with_errors, rel=0.01)  # ours; no reference
 
 

@@ -11,7 +11,7 @@ from skyproof.studies.array_geometry import equilateral_triangle
 
 
 def find_from(direction, elements, sigma_cyc=0.01):
-    """Arrivals of a signal by a calibrated array, no other signal being known."""
+    """Find arrivals of a signal by a calibrated array, no other signal being known."""
     frame = ArrayFrame(
         turn=np.eye(3),
         bias_cyc=np.zeros(len(elements) - 1),

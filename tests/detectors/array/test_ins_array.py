@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.detectors.nulls import NAVIGATION, PLACE_M, SIGNALS, START, STATE, TRUE, array_records
+from tests.detectors.nulls import NAVIGATION, PLACE_M, SIGNALS, START, STATE, TRUE, draw_array_records
 
 from skyproof.detectors.array.array_common import ArrayCommon
 from skyproof.detectors.array.ins_array import InsArray, InsArraySettings
@@ -32,8 +32,8 @@ def test_predicted_directions_are_those_of_azimuth_and_elevation():
         np.testing.assert_allclose(TRUE[0, k], forward_right_down, atol=3e-5)  # the satellite moves on by 300 m
 
 
-def sky(*numbers, place_m=PLACE_M):
-    """A consistent set of these signals at a place."""
+def make_set(*numbers, place_m=PLACE_M):
+    """Make a consistent set of these signals at a place."""
     return ConsistentSet(
         receiver="rx1",
         signals=tuple(SIGNALS[k] for k in numbers),
@@ -48,27 +48,27 @@ def sky(*numbers, place_m=PLACE_M):
 
 
 def examine_records(records, **settings):
-    """What is said of the signals: of each word the signals."""
+    """Examine the records and list the signals of each kind of finding."""
     evidence, _ = InsArray(InsArraySettings(**settings)).examine(records)
     assert len({e.says for e in evidence}) == len(evidence)
     return {e.says: {ref.signal for ref in e.signals} for e in evidence}, evidence
 
 
-def with_two_elsewhere():
+def move_two():
     direction = TRUE.copy()
     direction[:, 2:4] = direction[:, :1]
-    return array_records(np.random.default_rng(8), direction)
+    return draw_array_records(np.random.default_rng(8), direction)
 
 
 def test_false_signals_are_named_and_the_true_ones_are_not():
-    words, _ = examine_records(with_two_elsewhere())
+    words, _ = examine_records(move_two())
     assert words == {"spoofed": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
 
 
 def test_a_satellite_behind_the_transmitter_is_not_authentic():
     direction = TRUE.copy()
     direction[:, 2:5] = direction[:, :1]
-    words, _ = examine_records(array_records(np.random.default_rng(8), direction))
+    words, _ = examine_records(draw_array_records(np.random.default_rng(8), direction))
     assert words == {"spoofed": set(SIGNALS[2:5]), "authentic": {SIGNALS[1], *SIGNALS[5:]}}
 
 
@@ -87,7 +87,7 @@ def test_a_signal_that_another_covers_is_not_named(monkeypatch, band, code, apar
     monkeypatch.setattr("skyproof.detectors.array.ins_array.select_reflections", lambda *given, **more: frozenset())
     direction = TRUE.copy()
     direction[:, 3], direction[:, 2] = TRUE[:, 2], TRUE[:, 0]
-    records = array_records(np.random.default_rng(8), direction)
+    records = draw_array_records(np.random.default_rng(8), direction)
     covered = replace(SIGNALS[2], band=band, code=code)
     signals = (*SIGNALS[:2], covered, replace(covered, copy="b"), *SIGNALS[4:])
     phases = tuple(replace(phases, signals=signals) for phases in records.array_phases)
@@ -106,17 +106,17 @@ def test_reflections_from_one_direction_leave_the_sky_open(monkeypatch):
     monkeypatch.setattr(late, lambda observations, navigation, place_ecef_m, true, others, **given: frozenset(others))
     direction = TRUE.copy()
     direction[:, 2:4] = direction_cosines(np.radians([40.0, 200.0]), np.radians([-25.0, -60.0]))
-    words, _ = examine_records(array_records(np.random.default_rng(8), direction))
+    words, _ = examine_records(draw_array_records(np.random.default_rng(8), direction))
     assert words == {"authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
-    words, evidence = examine_records(with_two_elsewhere())
+    words, evidence = examine_records(move_two())
     assert words == {"undecided": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
     (open_still,) = [e for e in evidence if e.says == "undecided"]
     assert (open_still.code, open_still.may_also_be) == ("repeated", (Cause.REFLECTIONS,))
     assert open_still.overrules
 
 
-def low_satellite():
-    """The signal of a satellite twenty degrees or more below the horizon."""
+def find_low_satellite():
+    """Find the signal of a satellite twenty degrees or more below the horizon."""
     week, tow_s = week_and_tow(START)
     for orbit in NAVIGATION.ephemerides:
         if compute_azimuth_elevation(PLACE_M, compute_satellite_state_s(orbit, week, tow_s).position_ecef_m)[
@@ -133,8 +133,8 @@ def test_signals_beside_a_false_one_are_of_its_transmitter(monkeypatch, low):
     monkeypatch.setattr(late, lambda observations, navigation, place_ecef_m, true, others, **given: frozenset(others))
     direction = TRUE.copy()
     direction[:, 5:] = direction_cosines(np.radians(40.0), np.radians(-25.0))
-    records = array_records(np.random.default_rng(8), direction)
-    signals = (*SIGNALS[:5], replace(SIGNALS[0], copy="b"), SIGNALS[6], low_satellite() if low else SIGNALS[7])
+    records = draw_array_records(np.random.default_rng(8), direction)
+    signals = (*SIGNALS[:5], replace(SIGNALS[0], copy="b"), SIGNALS[6], find_low_satellite() if low else SIGNALS[7])
     phases = tuple(replace(phases, signals=signals) for phases in records.array_phases)
     words, evidence = examine_records(replace(records, array_phases=phases), false_alarm_probability=1e-5)
     assert words.get("spoofed", set()) == (set(signals[5:]) if low else set())
@@ -147,7 +147,7 @@ def test_signals_beside_a_false_one_are_of_its_transmitter(monkeypatch, low):
 def test_false_directions_are_among_the_directions_given():
     direction = TRUE.copy()
     direction[:, 2:4] = direction_cosines(np.radians(40.0), np.radians(-25.0))  # down is positive in the body
-    _, evidence = examine_records(array_records(np.random.default_rng(8), direction))
+    _, evidence = examine_records(draw_array_records(np.random.default_rng(8), direction))
     (spoofed,) = [e for e in evidence if e.says == "spoofed"]
     # Level, north at the first epoch and turned by a degree in each second.
     azimuth_rad, elevation_rad = np.radians(40.0 + 1.5), np.radians(25.0)
@@ -161,7 +161,7 @@ def test_false_directions_are_among_the_directions_given():
 
 def test_one_source_for_all_is_found():
     direction = np.repeat(TRUE[:, :1], len(SIGNALS), axis=1)
-    words, evidence = examine_records(array_records(np.random.default_rng(9), direction))
+    words, evidence = examine_records(draw_array_records(np.random.default_rng(9), direction))
     assert words == {"spoofed": set(SIGNALS)}
     assert evidence[0].p_value < 1e-9
 
@@ -169,17 +169,17 @@ def test_one_source_for_all_is_found():
 def test_without_a_place_the_fitting_sets_place_is_taken():
     covariance = np.tile(np.radians(0.05) ** 2 * np.eye(9), (STATE.gpst.size, 1, 1))
     covariance[:, range(6), range(6)] = np.inf
-    records = replace(with_two_elsewhere(), nav_state={"rx1": replace(STATE, covariance=covariance)})
+    records = replace(move_two(), nav_state={"rx1": replace(STATE, covariance=covariance)})
     words, (said,) = examine_records(records)
     assert said.code == "no_place"
     far = ecef_from_geodetic(np.radians(-20.0), np.radians(80.0), 0.0)
-    words, _ = examine_records(replace(records, sets=(sky(2, 3, place_m=far), sky(0, 1, 4, 5, 6, 7))))
+    words, _ = examine_records(replace(records, sets=(make_set(2, 3, place_m=far), make_set(0, 1, 4, 5, 6, 7))))
     assert words == {"spoofed": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
 
 
 @pytest.mark.parametrize("false", [False, True])
 def test_a_wrong_attitude_is_reported_and_names_no_true_signal(false):
-    records = with_two_elsewhere() if false else array_records(np.random.default_rng(8))
+    records = move_two() if false else draw_array_records(np.random.default_rng(8))
     turned = STATE.attitude @ Rotation.from_euler("z", 20.0, degrees=True).as_matrix()
     evidence, _ = InsArray().examine(replace(records, nav_state={"rx1": replace(STATE, attitude=turned)}))
     (noted,) = [e for e in evidence if stands_beside(e)]
@@ -192,7 +192,7 @@ def test_a_wrong_attitude_is_reported_and_names_no_true_signal(false):
 
 @pytest.mark.parametrize("false", [False, True])
 def test_wrong_line_delays_are_reported_and_name_no_true_signal(false):
-    records = with_two_elsewhere() if false else array_records(np.random.default_rng(8))
+    records = move_two() if false else draw_array_records(np.random.default_rng(8))
     (phases,) = records.array_phases
     moved = replace(phases, phase_cyc=phases.phase_cyc + np.array([0.0, 0.3, -0.2]))
     evidence, _ = InsArray().examine(replace(records, array_phases=(moved,)))
@@ -201,14 +201,14 @@ def test_wrong_line_delays_are_reported_and_name_no_true_signal(false):
     assert spoofed == (set(SIGNALS[2:4]) if false else set())
 
 
-def at_first(phases, **changes):
-    """The first epoch alone: the body turns."""
+def take_first(phases, **changes):
+    """Take the first epoch alone, since the body turns."""
     first = {name: getattr(phases, name)[:1] for name in ("gpst", "elapsed_s", "phase_cyc", "sigma_cyc")}
     return replace(phases, **first, **changes)
 
 
-def with_an_antenna_off(records, *, lines_known=True):
-    """The third antenna is stated 3 m forward of where it is."""
+def misstate_antenna(records, *, lines_known=True):
+    """State the third antenna 3 m forward of where it is."""
     (phases,) = records.array_phases
     stated = replace(phases, elements_m=phases.elements_m + np.array([[0.0], [0.0], [3.0]]) * [1.0, 0.0, 0.0])
     return replace(records, array_phases=(replace(stated, calibrated=lines_known),))
@@ -218,8 +218,8 @@ def with_an_antenna_off(records, *, lines_known=True):
 def test_a_misplaced_antenna_is_told_by_true_signals(false, lines_known):
     direction = TRUE.copy()
     direction[:, :false] = direction_cosines(np.radians(40.0), np.radians(-25.0))
-    records = array_records(np.random.default_rng(8), direction)
-    words, evidence = examine_records(with_an_antenna_off(records, lines_known=lines_known))
+    records = draw_array_records(np.random.default_rng(8), direction)
+    words, evidence = examine_records(misstate_antenna(records, lines_known=lines_known))
     assert words == {"undecided": set(SIGNALS[false:])} | ({"spoofed": set(SIGNALS[:false])} if false else {})
     (undecided,) = [e for e in evidence if e.says == "undecided"]
     assert (undecided.code, undecided.may_also_be) == ("not_as_stated", (Cause.STATEMENT, Cause.REFLECTIONS))
@@ -230,7 +230,7 @@ def test_a_misplaced_antenna_is_told_by_true_signals(false, lines_known):
 def test_sums_of_true_and_false_waves_belong_to_no_sky(seed):
     # A false signal on every true one, as strong and in step with it: the sum comes from halfway between.
     transmitter = direction_cosines(np.radians(40.0), np.radians(-25.0))
-    records = array_records(np.random.default_rng(seed), 0.5 * (TRUE + transmitter))
+    records = draw_array_records(np.random.default_rng(seed), 0.5 * (TRUE + transmitter))
     differing, _ = ArrayCommon().examine(records)
     assert "authentic" in {e.says for e in differing}
     findings, _ = InsArray().examine(records)
@@ -242,50 +242,50 @@ def test_sums_of_true_and_false_waves_belong_to_no_sky(seed):
 def test_one_transmitter_tells_the_same_at_any_antenna_places():
     # A line that is longer by the way to an antenna elsewhere gives the same phases: no test can tell them apart.
     direction = np.broadcast_to(direction_cosines(np.radians(40.0), np.radians(-25.0)), TRUE.shape)
-    records = array_records(np.random.default_rng(8), direction)
-    records = replace(records, array_phases=(at_first(records.array_phases[0], calibrated=False),))
+    records = draw_array_records(np.random.default_rng(8), direction)
+    records = replace(records, array_phases=(take_first(records.array_phases[0], calibrated=False),))
     (right,), _ = InsArray().examine(records)
-    (wrong,), _ = InsArray().examine(with_an_antenna_off(records, lines_known=False))
+    (wrong,), _ = InsArray().examine(misstate_antenna(records, lines_known=False))
     assert (wrong.code, wrong.signals, wrong.data) == (right.code, right.signals, right.data)
     assert wrong.says == "spoofed"
     assert wrong.directions == right.directions == ()
 
 
 def test_unknown_attitude_and_lines_come_from_the_sky_itself():
-    records = with_two_elsewhere()
+    records = move_two()
     (phases,) = records.array_phases
-    unknown = at_first(replace(phases, phase_cyc=phases.phase_cyc + np.array([0.0, 0.3, -0.2])), calibrated=False)
+    unknown = take_first(replace(phases, phase_cyc=phases.phase_cyc + np.array([0.0, 0.3, -0.2])), calibrated=False)
     words, _ = examine_records(
-        replace(records, array_phases=(unknown,), nav_state={}, sets=(sky(0, 1, 4, 5, 6, 7),)),
+        replace(records, array_phases=(unknown,), nav_state={}, sets=(make_set(0, 1, 4, 5, 6, 7),)),
     )
     assert words == {"spoofed": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
 
 
-def two_skies(seed):
-    """Every satellite and, as copy b, one transmitter's signal of each, with lines and attitude not known."""
+def draw_two_skies(seed):
+    """Draw every satellite and, as copy b, one transmitter's signal of each, with unknown lines and attitude."""
     beam = np.broadcast_to(direction_cosines(np.radians(40.0), np.radians(-25.0)), TRUE.shape)
-    records, false = (array_records(np.random.default_rng(seed), direction) for direction in (TRUE, beam))
-    true_phases, false_phases = (at_first(made.array_phases[0], calibrated=False) for made in (records, false))
+    records, false = (draw_array_records(np.random.default_rng(seed), direction) for direction in (TRUE, beam))
+    true_phases, false_phases = (take_first(made.array_phases[0], calibrated=False) for made in (records, false))
     cells = {
         name: np.concatenate([getattr(true_phases, name), getattr(false_phases, name)], 1)
         for name in ("phase_cyc", "sigma_cyc")
     }
     signals = (*true_phases.signals, *(replace(signal, copy="b") for signal in false_phases.signals))
     phases = replace(true_phases, signals=signals, carrier_hz=np.tile(true_phases.carrier_hz, 2), **cells)
-    return replace(records, array_phases=(phases,), nav_state={}, sets=(sky(*range(len(SIGNALS))),))
+    return replace(records, array_phases=(phases,), nav_state={}, sets=(make_set(*range(len(SIGNALS))),))
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_rare_alarms_let_no_false_signal_into_the_fit(seed):
     # A gate of one in 10^9 is so wide that some of the transmitter's signals are within it by chance.
-    words, _ = examine_records(two_skies(seed), false_alarm_probability=1e-8)
+    words, _ = examine_records(draw_two_skies(seed), false_alarm_probability=1e-8)
     copies = {word: {signal.copy for signal in words[word]} for word in ("spoofed", "authentic")}
     assert copies == {"spoofed": {"b"}, "authentic": {"a"}}
     assert min(len(words["authentic"]), len(words["spoofed"])) > 5
 
 
 def test_without_an_ephemeris_of_any_satellite_it_says_so():
-    records = array_records(np.random.default_rng(10))
+    records = draw_array_records(np.random.default_rng(10))
     late = make_nominal_constellation(START + np.timedelta64(40, "D"))
     (finding,), _ = InsArray().examine(Records(**(vars(records) | {"navigation": late})))
     assert (finding.says, finding.code) == ("undecided", "no_signal")

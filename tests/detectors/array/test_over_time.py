@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.detectors.array.test_arm import RADIUS_M, RATE_HZ, turning
+from tests.detectors.array.test_arm import RADIUS_M, RATE_HZ, make_turning
 
 from skyproof.detectors.array.agreement import ArrayFrame, MeanPhases, residuals
 from skyproof.detectors.array.over_time import (
@@ -25,8 +25,8 @@ ELEMENTS = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.5, 0.0]])
 REFS = tuple(SignalRef("rx1", SignalId(f"G{k:02d}")) for k in range(1, 5))
 
 
-def block(residual_cyc, *, refs=REFS, heading_rad=0.0):
-    """A window of 10 s."""
+def make_block(residual_cyc, *, refs=REFS, heading_rad=0.0):
+    """Make a window of 10 s."""
     n = len(refs)
     towards = np.tile([0.6, 0.0, -0.8], (n, 1))
     measured = MeanPhases(
@@ -64,7 +64,7 @@ def test_a_block_holds_the_mean_of_its_windows_and_few_wait():
     waiting, complete, lengths = Waiting(), [], []
     for number in range(16):
         cycles = rng.integers(-3, 4, (4, 2))
-        waiting, complete = add_block(waiting, block(off[number] + cycles))
+        waiting, complete = add_block(waiting, make_block(off[number] + cycles))
         lengths += [selected_block.windows for selected_block in complete]
         assert sum(selected_block is not None for selected_block in waiting.blocks) <= number.bit_length() + 1
     assert sorted(lengths) == [2] * 8 + [4] * 4 + [8] * 2 + [16]
@@ -79,10 +79,10 @@ def test_a_block_holds_the_mean_of_its_windows_and_few_wait():
 
 
 def test_windows_of_a_body_that_has_turned_do_not_join():
-    waiting, _ = add_block(Waiting(), block(np.zeros((4, 2))))
-    waiting, complete = add_block(waiting, block(np.zeros((4, 2)), heading_rad=0.1))
+    waiting, _ = add_block(Waiting(), make_block(np.zeros((4, 2))))
+    waiting, complete = add_block(waiting, make_block(np.zeros((4, 2)), heading_rad=0.1))
     assert not complete
-    _, (joined,) = add_block(waiting, block(np.zeros((3, 2)), refs=REFS[1:], heading_rad=0.11))
+    _, (joined,) = add_block(waiting, make_block(np.zeros((3, 2)), refs=REFS[1:], heading_rad=0.11))
     assert joined.refs == REFS[1:]
 
 
@@ -108,7 +108,7 @@ def test_a_false_signal_below_each_window_is_named_by_four():
     arm = SpinArm(receiver="rx1", radius_m=RADIUS_M, rate_rad_s=2.0 * np.pi * RATE_HZ)
     detector, state, found = Spin(SpinSettings(false_alarm_probability=1e-6)), None, []
     for _ in range(7):
-        records = turning(np.random.default_rng(7), false=0, moved_rad=np.radians(10.0))
+        records = make_turning(np.random.default_rng(7), false=0, moved_rad=np.radians(10.0))
         evidence, state = detector.examine(replace(records, spin_arms=(arm,)), state)
         found.append({e.says: (e.code, {ref.signal for ref in e.signals}) for e in evidence})
     first = records.observations[0].signals[0]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.polynomial import legendre
 from scipy.stats import kstest
-from tests.detectors.nulls import ARM, spin_records
-from tests.detectors.nulls import spin_series as series
+from tests.detectors.nulls import ARM, draw_spin_records
+from tests.detectors.nulls import draw_spin_phases as series
 
 from skyproof.detectors.array.arm_phases import (
     arm_columns,
@@ -55,20 +55,20 @@ SKY_DEG = np.array([(20, 15), (75, 40), (110, 65), (160, 25), (205, 50), (250, 2
 SKY = direction_cosines(*np.radians(SKY_DEG.T))[:, :2]
 
 
-def level(az_deg, el_deg):
+def make_level(az_deg, el_deg):
     return direction_cosines(np.radians(az_deg), np.radians(el_deg))[:2]
 
 
-APART = level(155, 50) - level(160, 55)
+APART = make_level(155, 50) - make_level(160, 55)
 
 
-def far(test, n, apart=APART, **settings):
+def move_apart(test, n, apart=APART, **settings):
     angle = arm_angles(n, W)
     information = pair_information if test == "paper" else full_information
     return float(apart @ information(angle, **PAIR, **settings) @ apart)
 
 
-def usual(noncentrality):
+def make_usual(noncentrality):
     return noncentral_chi_square_survival(chi_square_threshold(0.01, 2), 2, noncentrality)
 
 
@@ -98,13 +98,13 @@ def test_every_sample_is_used_at_most_once_and_noise_stays_white():
     [
         (APART, 50, 5.1722, 0.2427, 0.1143),
         (APART, 300, 34.8544, 13.5756, 0.9989),
-        (level(148, 50) - level(160, 55), 150, 48.0884, 22.0503, 0.999984),
-        (level(158, 53) - level(160, 55), 150, 2.6821, 0.0760, 0.0373),
+        (make_level(148, 50) - make_level(160, 55), 150, 48.0884, 22.0503, 0.999984),
+        (make_level(158, 53) - make_level(160, 55), 150, 2.6821, 0.0760, 0.0373),
         (np.zeros(2), 150, 0.0, 0.0201, 0.0100),
     ],
 )
 def test_thresholds_and_detection_of_the_paper(apart, n, noncentrality, threshold, p_d):
-    found = far("paper", n, apart)
+    found = move_apart("paper", n, apart)
     limit = authentic_threshold(0.01, found)
     assert found == pytest.approx(noncentrality, abs=6e-5)
     assert float(limit) == pytest.approx(threshold, abs=5.1e-5)
@@ -121,7 +121,7 @@ def test_operating_characteristics():
         300: (34.8544, 0.9864, 0.9989, 1.0000),
     }
     for n, (noncentrality, *powers) in expected.items():
-        found = far("paper", n)
+        found = move_apart("paper", n)
         assert found == pytest.approx(noncentrality, abs=6e-5)
         np.testing.assert_allclose(detection_power(authentic_threshold([1e-3, 1e-2, 1e-1], found)), powers, atol=6e-5)
 
@@ -189,21 +189,21 @@ def test_the_rule_finds_one_spoofed_pair_in_a_hundred():
     ],
 )
 def test_noncentrality_against_the_number_of_samples(n, paper, constant, slope, curvature):
-    found = [far("paper", n)] + [far("full", n, degree=degree) for degree in (0, 1, 2)]
+    found = [move_apart("paper", n)] + [move_apart("full", n, degree=degree) for degree in (0, 1, 2)]
     np.testing.assert_allclose(found, [paper, constant, slope, curvature], rtol=6e-4)
 
 
 def test_detection_and_the_fewest_samples():
-    assert far("full", 40) == pytest.approx(63.05, abs=5e-3)
-    assert far("full", 150) == pytest.approx(717.52, abs=5e-3)
-    assert far("full", 150, degree=3) == pytest.approx(655.6, abs=0.05)
-    assert far("full", 40, degree=3) == pytest.approx(4.0, abs=0.05)
-    assert far("full", 150, level(148, 50) - level(160, 55)) == pytest.approx(1903, abs=0.5)
-    assert far("full", 150, level(158, 53) - level(160, 55)) == pytest.approx(115.35, abs=5e-3)
-    assert float(authentic_threshold(0.01, far("full", 40))) == pytest.approx(32.355, abs=1e-3)
-    in_papers_sense = [float(detection_power(authentic_threshold(0.01, far("full", n)))) for n in (20, 30, 36)]
+    assert move_apart("full", 40) == pytest.approx(63.05, abs=5e-3)
+    assert move_apart("full", 150) == pytest.approx(717.52, abs=5e-3)
+    assert move_apart("full", 150, degree=3) == pytest.approx(655.6, abs=0.05)
+    assert move_apart("full", 40, degree=3) == pytest.approx(4.0, abs=0.05)
+    assert move_apart("full", 150, make_level(148, 50) - make_level(160, 55)) == pytest.approx(1903, abs=0.5)
+    assert move_apart("full", 150, make_level(158, 53) - make_level(160, 55)) == pytest.approx(115.35, abs=5e-3)
+    assert float(authentic_threshold(0.01, move_apart("full", 40))) == pytest.approx(32.355, abs=1e-3)
+    in_papers_sense = [float(detection_power(authentic_threshold(0.01, move_apart("full", n)))) for n in (20, 30, 36)]
     np.testing.assert_allclose(in_papers_sense, [0.0116, 0.7645, 0.99993], atol=6e-5)
-    in_usual_sense = [float(usual(far("full", n))) for n in (20, 30, 36)]
+    in_usual_sense = [float(make_usual(move_apart("full", n))) for n in (20, 30, 36)]
     np.testing.assert_allclose(in_usual_sense, [0.0173, 0.8275, 0.99988], atol=6e-5)
 
 
@@ -219,7 +219,7 @@ def test_whitened_differences_are_the_series_less_two_constants():
     whole = np.linalg.lstsq(np.hstack([columns, constants]), y, rcond=None)[0][:2]
     np.testing.assert_allclose(overlapping, whole, rtol=1e-9)
     assert float(APART @ information @ APART) / PAIR["sigma_cyc"] ** 2 == pytest.approx(735.121, abs=1e-3)
-    assert far("full", n, degree=0) == pytest.approx(735.149, abs=1e-3)
+    assert move_apart("full", n, degree=0) == pytest.approx(735.149, abs=1e-3)
 
 
 def test_cycles_drift_curvature_and_order_keep_the_statistic():
@@ -288,7 +288,7 @@ def test_motion_that_a_quadratic_leaves():
 def test_what_an_error_of_the_rate_costs(n, kept):
     for error, share in zip((0.01, 0.02, 0.05), kept, strict=True):
         y = arm_columns(arm_angles(n, W * (1 + error)), 0.5) @ APART
-        assert float(fit_whole_series(y, arm_angles(n, W), **PAIR).statistic) / far("full", n) == pytest.approx(
+        assert float(fit_whole_series(y, arm_angles(n, W), **PAIR).statistic) / move_apart("full", n) == pytest.approx(
             share, abs=6e-4
         )
 
@@ -348,7 +348,7 @@ def test_predicted_directions_with_a_start_angle_to_estimate(n):
 @pytest.mark.parametrize(("n", "lifted", "p_d"), [(40, 60, 0.936), (150, 60, 1.0), (40, 63, 0.27), (150, 63, 1.0)])
 def test_one_satellite_that_is_not_where_predicted(n, lifted, p_d):
     sky = SKY.copy()
-    sky[2] = level(110, lifted)
+    sky[2] = make_level(110, lifted)
     information = full_information(arm_angles(n, W), **ONE)
     start = np.arange(0.0, 2.0 * np.pi, 0.05)  # at one turn much depends on where it starts
     rot = np.moveaxis(np.array([[np.cos(start), -np.sin(start)], [np.sin(start), np.cos(start)]]), -1, 0)
@@ -362,11 +362,13 @@ def test_one_satellite_that_is_not_where_predicted(n, lifted, p_d):
 
 
 def test_noncentrality_of_a_pair_follows_predicted_directions():
-    assert far("full", 40, level(148, 50) - level(158, 53)) == pytest.approx(127.3, abs=0.05)
-    assert far("full", 150, level(148, 50) - level(158, 53)) == pytest.approx(1207, abs=0.5)
+    assert move_apart("full", 40, make_level(148, 50) - make_level(158, 53)) == pytest.approx(127.3, abs=0.05)
+    assert move_apart("full", 150, make_level(148, 50) - make_level(158, 53)) == pytest.approx(1207, abs=0.5)
     for n, p_d in ((40, 0.502), (150, 0.996)):
-        assert float(usual(far("paper", n, level(148, 50) - level(158, 53)))) == pytest.approx(p_d, abs=6e-4)
-    assert float(usual(far("paper", 40))) == pytest.approx(0.248, abs=6e-4)
+        assert float(make_usual(move_apart("paper", n, make_level(148, 50) - make_level(158, 53)))) == pytest.approx(
+            p_d, abs=6e-4
+        )
+    assert float(make_usual(move_apart("paper", 40))) == pytest.approx(0.248, abs=6e-4)
 
 
 # Slips ----------------------------------------------------------------------------------------------------------------
@@ -427,7 +429,7 @@ def test_all_of_one_direction_under_any_clock(signals):
 @pytest.mark.parametrize("n", [40, 150])
 def test_four_false_signals_among_nine_are_clustered(n):
     distant = [(20, 15), (75, 40), (250, 20), (340, 75)]
-    directions = np.array([level(160, 55)] * 4 + [level(*d) for d in distant] + [level(158, 53)])
+    directions = np.array([make_level(160, 55)] * 4 + [make_level(*d) for d in distant] + [make_level(158, 53)])
     y = series(np.random.default_rng(n), directions, n, trials=(2000,))
     fit = fit_whole_series(subtract_mean(y), arm_angles(n, W), **ONE)
     covariance = np.linalg.inv(fit.information)
@@ -453,8 +455,8 @@ def test_four_false_signals_among_nine_are_clustered(n):
 
 @pytest.mark.parametrize("slip", [None, 2, 5])
 def test_false_signals_are_named_although_one_slips(slip):
-    directions = np.vstack([SKY[:4], np.repeat(level(160, 55)[None], 4, axis=0)])
-    evidence, _ = Spin().examine(spin_records(np.random.default_rng(13), directions, slip=slip))
+    directions = np.vstack([SKY[:4], np.repeat(make_level(160, 55)[None], 4, axis=0)])
+    evidence, _ = Spin().examine(draw_spin_records(np.random.default_rng(13), directions, slip=slip))
     (finding,) = evidence
     assert finding.says == "spoofed"
     assert [ref.signal.sat for ref in finding.signals] == ["G05", "G06", "G07", "G08"]
@@ -462,18 +464,18 @@ def test_false_signals_are_named_although_one_slips(slip):
 
 def test_a_sky_is_authentic_also_where_the_rate_is_known_roughly():
     arm = SpinArm(receiver="rx1", radius_m=ARM.radius_m, rate_rad_s=10.0 * W, rate_sigma_rad_s=0.1 * W)
-    evidence, _ = Spin().examine(spin_records(np.random.default_rng(14), SKY, arm=arm, rate=1.008 * W))
+    evidence, _ = Spin().examine(draw_spin_records(np.random.default_rng(14), SKY, arm=arm, rate=1.008 * W))
     assert [e.says for e in evidence] == ["authentic"]
 
 
 def test_a_part_of_a_turn_decides_nothing():
-    evidence, _ = Spin().examine(spin_records(np.random.default_rng(15), SKY, n=15))
+    evidence, _ = Spin().examine(draw_spin_records(np.random.default_rng(15), SKY, n=15))
     assert [(e.says, e.p) for e in evidence] == [("undecided", {})]
 
 
 def test_a_receiver_that_does_not_turn_is_reported():
     still = SpinArm(receiver="other", radius_m=0.1, rate_rad_s=1.0)
-    evidence, _ = Spin().examine(spin_records(np.random.default_rng(16), SKY, arm=still))
+    evidence, _ = Spin().examine(draw_spin_records(np.random.default_rng(16), SKY, arm=still))
     assert [e.code for e in evidence] == ["no_arm"]
 
 
@@ -482,7 +484,7 @@ def test_signals_without_a_time_are_not_false_beside_others(timed):
     # A jammer's wave, followed as several codes, comes from one direction; a log of carriers alone has no times.
     directions = SKY.copy()
     directions[:3] = SKY[:1]
-    records = spin_records(np.random.default_rng(17), directions)
+    records = draw_spin_records(np.random.default_rng(17), directions)
     (o,) = records.observations
     range_m = o.pseudorange_m.copy()
     range_m[:, :3] = np.nan
@@ -497,11 +499,14 @@ def test_signals_without_a_time_are_not_false_beside_others(timed):
 
 
 def mix_phases(rng, n=6, count=50, *, mixed=(), cycles_apart=3.0):
-    """Phases (n, count) of a sky on an arm, 0.01 cycles of noise each; those `mixed` have a second signal of half the
-    amplitude beside them, from one direction, which is drawn off by some cycles."""
+    """Draw phases (n, count) of a sky on an arm, each with noise of 0.01 cycle.
+
+    Those in `mixed` have a second signal of half the amplitude from one direction, which is dragged off by some
+    cycles.
+    """
     angle = 2.0 * np.pi * np.arange(count) / 20.0
     columns = arm_columns(angle, 0.5)
-    second = columns @ level(100, 30)
+    second = columns @ make_level(100, 30)
     phases = []
     for k in range(n):
         phase = columns @ SKY[k]

@@ -18,7 +18,7 @@ SCENE = MeasuredScene(
 L5_HZ = 1176.45e6
 
 
-def two_bands(
+def make_two_bands(
     rng: np.random.Generator, shift_m=None, ionosphere_m: float = 15.0, scene: MeasuredScene = SCENE
 ) -> Records:
     """Return a clean sky on L1 and L5: each satellite with an ionosphere and a group delay, `shift_m` added to L1."""
@@ -33,10 +33,10 @@ def two_bands(
     signals = tuple(SignalId(s.sat, "L5", "Q") for s in o.signals)
     other = replace(o, signals=signals, pseudorange_m=second_m, carrier_hz=np.full(n, L5_HZ))
     first = replace(o, pseudorange_m=first_m)
-    return replace(records, observations=(_side_by_side(first, other),))
+    return replace(records, observations=(_join_signals(first, other),))
 
 
-def _side_by_side(a: Observations, b: Observations) -> Observations:
+def _join_signals(a: Observations, b: Observations) -> Observations:
     """Return one record with the signals of both at the same epochs."""
     cells = {
         name: np.hstack([getattr(a, name), getattr(b, name)])
@@ -56,14 +56,14 @@ def examine(records: Records):
 @pytest.mark.parametrize("ionosphere_m", [2.0, 15.0, 120.0])
 def test_the_ionosphere_is_no_attack(ionosphere_m) -> None:
     for seed in range(5):
-        found = examine(two_bands(np.random.default_rng(seed), ionosphere_m=ionosphere_m))
+        found = examine(make_two_bands(np.random.default_rng(seed), ionosphere_m=ionosphere_m))
         assert (found.says, found.code, found.failed) == ("clean", "together", False)
 
 
 def test_one_code_far_off_is_named() -> None:
     shift_m = np.zeros(len(SCENE._exact[0].signals))
     shift_m[2] = -400.0
-    found = examine(two_bands(np.random.default_rng(1), shift_m))
+    found = examine(make_two_bands(np.random.default_rng(1), shift_m))
     sat = SCENE._exact[0].signals[2].sat
     assert (found.code, found.says, found.overrules) == ("parted", "undecided", True)
     assert found.may_also_be == (Cause.REFLECTIONS, Cause.FAULT)
@@ -74,13 +74,13 @@ def test_one_code_far_off_is_named() -> None:
 
 def test_a_false_place_on_one_band_shows() -> None:
     shift_m = np.linspace(-700.0, 700.0, len(SCENE._exact[0].signals))
-    evidence = examine(two_bands(np.random.default_rng(1), shift_m))
+    evidence = examine(make_two_bands(np.random.default_rng(1), shift_m))
     assert evidence.failed
     assert len({ref.signal.sat for ref in evidence.signals}) >= 3
 
 
 def test_a_delay_that_all_share_is_the_receivers() -> None:
-    assert examine(two_bands(np.random.default_rng(1), 5000.0)).says == "clean"
+    assert examine(make_two_bands(np.random.default_rng(1), 5000.0)).says == "clean"
 
 
 def test_one_band_alone_cannot_be_tested() -> None:
@@ -88,31 +88,31 @@ def test_one_band_alone_cannot_be_tested() -> None:
     assert (found.says, found.code, found.p_value) == ("undecided", "one_band", None)
 
 
-def windows_of(records: Records, epochs: int = 10) -> list[Records]:
+def make_windows(records: Records, epochs: int = 10) -> list[Records]:
     (o,) = records.observations
     cuts = range(0, o.gpst.size, epochs)
     return [replace(records, observations=(o.read(first, first + epochs),)) for first in cuts]
 
 
-def long_sky(seed: int, change_m=None) -> Records:
+def make_long_sky(seed: int, change_m=None) -> Records:
     """Return two bands over eight windows, `change_m` (n_epochs,) added to all codes of the first."""
     rng = np.random.default_rng(seed)
     shift_m = None if change_m is None else change_m[:, None]
-    return two_bands(rng, shift_m, scene=replace(SCENE, epochs=80))
+    return make_two_bands(rng, shift_m, scene=replace(SCENE, epochs=80))
 
 
 def follow(records: Records, **settings):
     """Return the findings of what all satellites do together, window by window."""
     detector, state = Bands(BandsSettings(**{"false_alarm_probability": RATE, **settings})), None
     found = []
-    for window in windows_of(records):
+    for window in make_windows(records):
         findings, state = detector.examine(window, state)
         found += [e for e in findings if e.code.endswith("together") and e.code != "together"]
     return found
 
 
 def test_bands_of_a_clean_sky_stay_apart_as_they_were() -> None:
-    found = [e for seed in range(4) for e in follow(long_sky(seed))]
+    found = [e for seed in range(4) for e in follow(make_long_sky(seed))]
     assert len(found) == 4 * 7  # the first window has none before
     assert {e.code for e in found} == {"go_on_together"}
 
@@ -120,8 +120,8 @@ def test_bands_of_a_clean_sky_stay_apart_as_they_were() -> None:
 @pytest.mark.parametrize("step_m", [-12.0, 40.0])
 def test_a_clock_step_of_one_band_is_found_at_its_epoch(step_m) -> None:
     # The place that the band shows stays where it was: only the time of its signals moves.
-    first = next(e for e in follow(long_sky(1, np.where(np.arange(80) >= 33, step_m, 0.0))) if e.failed)
-    (o,) = long_sky(1).observations
+    first = next(e for e in follow(make_long_sky(1, np.where(np.arange(80) >= 33, step_m, 0.0))) if e.failed)
+    (o,) = make_long_sky(1).observations
     assert (first.code, first.says, first.may_also_be) == ("part_together", "undecided", (Cause.FAULT,))
     assert first.dated_gpst == o.gpst[33]
     assert len({ref.signal.sat for ref in first.signals}) == first.data["satellites"]
@@ -129,7 +129,7 @@ def test_a_clock_step_of_one_band_is_found_at_its_epoch(step_m) -> None:
 
 def test_a_clock_push_of_one_band_is_no_oscillators() -> None:
     push_m = 0.36 * np.maximum(np.arange(80) - 15.0, 0.0)
-    codes = [e.code for e in follow(long_sky(2, push_m))]
+    codes = [e.code for e in follow(make_long_sky(2, push_m))]
     assert codes[-1] == "part_together"
     assert codes[0] == "go_on_together"
 
@@ -137,7 +137,7 @@ def test_a_clock_push_of_one_band_is_no_oscillators() -> None:
 def test_one_satellite_that_steps_is_not_all() -> None:
     change_m = np.zeros((80, len(SCENE._exact[0].signals)))
     change_m[33:, 2] = 60.0
-    records = two_bands(np.random.default_rng(1), change_m, scene=replace(SCENE, epochs=80))
+    records = make_two_bands(np.random.default_rng(1), change_m, scene=replace(SCENE, epochs=80))
     assert {e.code for e in follow(records)} == {"go_on_together"}
 
 

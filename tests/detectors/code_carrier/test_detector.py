@@ -87,24 +87,24 @@ def test_a_slip_is_no_divergence() -> None:
         cycles[25:, 3] += 1e4
         return cycles
 
-    def marked(o):
+    def mark(o):
         status = o.status.copy()
         status[25, 3] = CellStatus.SLIP
         return status
 
     assert list_failed(change_cells(carrier_cyc=jump)) != []
-    assert list_failed(change_cells(carrier_cyc=jump, status=marked)) == []
+    assert list_failed(change_cells(carrier_cyc=jump, status=mark)) == []
 
 
 def test_reflections_come_and_go_within_a_quarter_of_a_chip() -> None:
-    def reflected(o):
+    def reflect(o):
         rng = np.random.default_rng(5)
         codes_m = o.pseudorange_m.copy()
         for column in range(codes_m.shape[1]):
             codes_m[:, column] += 35.0 * np.sin(2 * np.pi * rng.uniform(0.005, 0.2) * o.elapsed_s + rng.uniform(0, 6))
         return codes_m
 
-    assert list_failed(change_cells(pseudorange_m=reflected)) == []
+    assert list_failed(change_cells(pseudorange_m=reflect)) == []
 
 
 def test_codes_alone_cannot_be_tested() -> None:

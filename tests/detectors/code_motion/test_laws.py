@@ -11,8 +11,8 @@ STILL = CodeMotionLimits(acceleration_m_s2=1e-12, speed_m_s=np.inf, clock_jump=0
 FREE = CodeMotionLimits(acceleration_m_s2=50.0, speed_m_s=40.0, clock_jump=1e-8, clock_pace_s=1e-8)
 
 
-def drawn(rng: np.random.Generator, trials: int, covariance: np.ndarray, gaps_s=(1.0, 1.0)):
-    """Return the motions of three epochs with noise of this covariance, and dof and factor as residuals give them."""
+def draw_motions(rng: np.random.Generator, trials: int, covariance: np.ndarray, gaps_s=(1.0, 1.0)):
+    """Draw motions of three epochs with noise of this covariance; give dof and factor as residuals do."""
     elapsed_s = np.cumsum([0.0, *gaps_s])
     noise = rng.multivariate_normal(np.zeros(4), covariance, (trials, 3))
     dof = 12
@@ -27,7 +27,7 @@ def drawn(rng: np.random.Generator, trials: int, covariance: np.ndarray, gaps_s=
 @pytest.mark.parametrize("gaps_s", [(1.0, 1.0), (0.2, 3.0)])
 def test_false_alarms_come_at_the_stated_rate(gaps_s) -> None:
     rng = np.random.default_rng(1)
-    found, factor, dof = drawn(rng, 4000, 4.0 * np.eye(4), gaps_s)
+    found, factor, dof = draw_motions(rng, 4000, 4.0 * np.eye(4), gaps_s)
     for law in (chance_of_motion, chance_of_clock):
         p_values = np.array([law(m, STILL, f[None], dof)[0] for m, f in zip(found, factor, strict=True)])
         for rate in (0.1, 0.01):
@@ -37,12 +37,12 @@ def test_false_alarms_come_at_the_stated_rate(gaps_s) -> None:
 
 def test_an_elongated_covariance_errs_to_the_safe_side() -> None:
     rng = np.random.default_rng(2)
-    found, factor, dof = drawn(rng, 2000, np.diag([1.0, 1.0, 16.0, 4.0]))
+    found, factor, dof = draw_motions(rng, 2000, np.diag([1.0, 1.0, 16.0, 4.0]))
     p_values = np.array([chance_of_motion(m, STILL, f[None], dof)[0] for m, f in zip(found, factor, strict=True)])
     assert 0 < (p_values < 0.1).sum() < 200
 
 
-def motion(position_m, clock_m=(0.0, 0.0, 0.0), gaps_s=(1.0, 1.0), speed=np.inf):
+def find_chances(position_m, clock_m=(0.0, 0.0, 0.0), gaps_s=(1.0, 1.0), speed=np.inf):
     """Return the chances of position and clock of three epochs along one axis, known to a metre."""
     places = np.zeros((3, 3))
     places[:, 0] = position_m
@@ -55,27 +55,27 @@ def motion(position_m, clock_m=(0.0, 0.0, 0.0), gaps_s=(1.0, 1.0), speed=np.inf)
 
 
 def test_what_an_acceleration_can_do_is_no_jump() -> None:
-    assert motion([0.0, 0.0, 49.0])[0] == 1.0
-    assert motion([0.0, 900.0, 1849.0])[0] == 1.0  # fast, and faster by 50 m/s
-    assert motion([0.0, 0.0, 90.0])[0] < 1e-4
-    assert motion([0.0, 0.0, 1000.0])[0] < 1e-12
+    assert find_chances([0.0, 0.0, 49.0])[0] == 1.0
+    assert find_chances([0.0, 900.0, 1849.0])[0] == 1.0  # fast, and faster by 50 m/s
+    assert find_chances([0.0, 0.0, 90.0])[0] < 1e-4
+    assert find_chances([0.0, 0.0, 1000.0])[0] < 1e-12
 
 
 def test_a_gap_gives_room_to_accelerate_but_not_to_be_faster() -> None:
-    assert motion([0.0, 0.0, 1000.0], gaps_s=(1.0, 8.0))[0] == 1.0
-    assert motion([0.0, 0.0, 1000.0], gaps_s=(1.0, 8.0), speed=40.0)[0] < 1e-12
-    assert motion([0.0, 20.0, 300.0], gaps_s=(1.0, 8.0), speed=40.0)[0] == 1.0
+    assert find_chances([0.0, 0.0, 1000.0], gaps_s=(1.0, 8.0))[0] == 1.0
+    assert find_chances([0.0, 0.0, 1000.0], gaps_s=(1.0, 8.0), speed=40.0)[0] < 1e-12
+    assert find_chances([0.0, 20.0, 300.0], gaps_s=(1.0, 8.0), speed=40.0)[0] == 1.0
 
 
 def test_clocks_jump_but_not_by_whole_milliseconds() -> None:
     ms_m = 1e-3 * SPEED_OF_LIGHT_M_S
-    assert motion([0.0] * 3, [0.0, 0.0, 3000.0])[1] < 1e-12
-    assert motion([0.0] * 3, [0.0, 0.0, -ms_m])[1] == 1.0
-    assert motion([0.0] * 3, [0.0, 300.0, 600.0])[1] == 1.0  # a rate, and no jump
-    assert motion([0.0] * 3, [0.0, 0.0, np.nan])[1] == 1.0
+    assert find_chances([0.0] * 3, [0.0, 0.0, 3000.0])[1] < 1e-12
+    assert find_chances([0.0] * 3, [0.0, 0.0, -ms_m])[1] == 1.0
+    assert find_chances([0.0] * 3, [0.0, 300.0, 600.0])[1] == 1.0  # a rate, and no jump
+    assert find_chances([0.0] * 3, [0.0, 0.0, np.nan])[1] == 1.0
 
 
 def test_time_that_was_not_recorded_gives_room_to_move() -> None:
     far_m, ahead_m = 400.0, 10.0 * SPEED_OF_LIGHT_M_S
-    assert motion([0.0, 0.0, far_m])[0] < 1e-9
-    assert motion([0.0, 0.0, far_m], [0.0, 0.0, -ahead_m])[0] == 1.0
+    assert find_chances([0.0, 0.0, far_m])[0] < 1e-9
+    assert find_chances([0.0, 0.0, far_m], [0.0, 0.0, -ahead_m])[0] == 1.0

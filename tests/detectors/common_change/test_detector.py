@@ -4,7 +4,7 @@ not."""
 import numpy as np
 import pytest
 from scipy import stats
-from tests.detectors.continuity.test_detector import FIELD, MOTIONS, WHITE, change_cells, observe_scene, windows
+from tests.detectors.continuity.test_detector import FIELD, MOTIONS, WHITE, change_cells, make_windows, observe_scene
 
 from skyproof.detectors.common_change.detector import CommonChange, CommonChangeSettings
 from skyproof.errors import SettingsError
@@ -17,7 +17,7 @@ DURATION_S = 92.0
 
 
 def examine_all(records, **settings):
-    """Evidence of all windows, by window."""
+    """Examine the records and list the evidence by window."""
     detector, state, every = (
         CommonChange(CommonChangeSettings(**{"false_alarm_probability": 1e-6} | settings)),
         None,
@@ -30,27 +30,27 @@ def examine_all(records, **settings):
 
 
 def select_failed(every):
-    """Findings of the tests that failed, by window."""
+    """Select the findings of failed tests, by window."""
     return [[e for e in evidence if e.failed] for evidence in every]
 
 
-def draw_codes(o, rate_m_s, columns=slice(None)):
-    """Code drawn off from the onset on, the carrier left."""
+def drag_codes(o, rate_m_s, columns=slice(None)):
+    """Drag codes off from the onset on and leave their carriers."""
     late_m = rate_m_s * np.maximum(o.elapsed_s - ONSET_S, 0.0)
     moved = o.pseudorange_m.copy()
     moved[:, columns] += late_m[:, None]
     return change_cells(o, pseudorange_m=moved)
 
 
-def turn_clock(o, turn_m_s2):
-    """Code and carrier of all moved by a clock that is pushed from the onset on."""
+def push_clock(o, turn_m_s2):
+    """Push the clock from the onset on, which moves code and carrier of all signals."""
     moved_m = 0.5 * turn_m_s2 * np.maximum(o.elapsed_s - ONSET_S, 0.0)[:, None] ** 2
     return change_cells(o, pseudorange_m=o.pseudorange_m + moved_m, carrier_cyc=o.carrier_cyc + moved_m / WAVE_M)
 
 
 @pytest.mark.parametrize("rate_m_s", [1.2, -1.2])
 def test_code_dragged_off_its_carrier_is_named_in_ten_seconds(rate_m_s):
-    every = examine_all(windows(draw_codes(observe_scene(duration_s=DURATION_S), rate_m_s)))
+    every = examine_all(make_windows(drag_codes(observe_scene(duration_s=DURATION_S), rate_m_s)))
     found = select_failed(every)
     assert not any(found[:4])
     assert found[4][0].data["rate_m_s"] == pytest.approx(rate_m_s, abs=0.2)
@@ -60,31 +60,31 @@ def test_code_dragged_off_its_carrier_is_named_in_ten_seconds(rate_m_s):
 
 def test_slower_drags_take_half_a_minute_and_three_satellites():
     o = observe_scene(duration_s=DURATION_S)
-    slow = select_failed(examine_all(windows(draw_codes(o, 0.5))))
+    slow = select_failed(examine_all(make_windows(drag_codes(o, 0.5))))
     assert not any(slow[:4])
     assert slow[7]
-    assert not any(select_failed(examine_all(windows(draw_codes(o, 5.0, [1, 3])))))
+    assert not any(select_failed(examine_all(make_windows(drag_codes(o, 5.0, [1, 3])))))
 
 
 def test_oscillators_that_part_code_from_carrier_are_no_attack():
     o = observe_scene(duration_s=DURATION_S)
     drifting = change_cells(o, pseudorange_m=o.pseudorange_m + 3.0 * o.elapsed_s[:, None])
-    assert not any(select_failed(examine_all(windows(drifting))))
+    assert not any(select_failed(examine_all(make_windows(drifting))))
 
 
 def test_carriers_turn_faster_than_the_oscillator_wanders():
     # By 1 cm/s more each second: ten wavelengths in twenty seconds.
-    o = turn_clock(observe_scene(noise=WHITE, oscillator="ocxo", duration_s=DURATION_S), 0.01)
-    named = select_failed(examine_all(windows(o), oscillator="ocxo"))
+    o = push_clock(observe_scene(noise=WHITE, oscillator="ocxo", duration_s=DURATION_S), 0.01)
+    named = select_failed(examine_all(make_windows(o), oscillator="ocxo"))
     assert not any(named[:4])
     (first, *_) = named[5]
     assert (first.code, first.overrules, first.may_also_be) == ("turned", True, (Cause.OSCILLATOR, Cause.STATEMENT))
-    assert not any(select_failed(examine_all(windows(o), oscillator="tcxo")))
-    assert not any(select_failed(examine_all(windows(o))))
+    assert not any(select_failed(examine_all(make_windows(o), oscillator="tcxo")))
+    assert not any(select_failed(examine_all(make_windows(o))))
 
 
 def test_it_reports_what_it_lacks_and_pieces_equal_the_whole():
-    records = windows(observe_scene())
+    records = make_windows(observe_scene())
     check_pieces(CommonChange, records)
     check_missing_named(CommonChange(), records[0])
     (first,), _ = CommonChange().examine(records[0])
@@ -105,7 +105,7 @@ def test_turns_of_true_clocks_have_uniform_p_values(oscillator):
     p_values = []
     for number in range(100):
         o = observe_scene(number, noise=WHITE, oscillator=oscillator, duration_s=42.0, seed=number)
-        every = examine_all(windows(o), oscillator=oscillator, oscillator_share=1.0, carrier_error_m=1e-4)
+        every = examine_all(make_windows(o), oscillator=oscillator, oscillator_share=1.0, carrier_error_m=1e-4)
         p_values += [
             e.p_value for e in every[-1] if e.code in ("turns_as_clock", "turned")
         ]  # windows share epochs: one of each
@@ -124,7 +124,7 @@ def test_clean_skies_alarm_no_more_often_than_asked(motion):
         o = observe_scene(
             number, noise=FIELD, motion=motion, oscillator="ocxo", duration_s=122.0, seed=1 + number // 10
         )
-        every = examine_all(windows(o), false_alarm_probability=asked, oscillator="ocxo")
+        every = examine_all(make_windows(o), false_alarm_probability=asked, oscillator="ocxo")
         p_values += [min(e.p_value for e in evidence if e.p_value is not None) for evidence in every[1:]]
     alarms = int(np.sum(np.array(p_values) < asked / 3.0))
     assert alarms <= stats.binom.ppf(0.999, len(p_values), asked)

@@ -11,7 +11,7 @@ from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.statistics.distributions import binomial_two_sided
 
 
-def uniform(p_values, levels=(0.1, 0.01)):
+def assert_uniform(p_values, levels=(0.1, 0.01)):
     return all(binomial_two_sided(int((p_values <= p).sum()), p_values.size, p) > 1e-4 for p in levels)
 
 
@@ -20,7 +20,7 @@ def test_rates_of_satellites_agree_by_chance_as_often_as_stated(n):
     rng = np.random.default_rng(n)
     sigma = rng.uniform(0.5, 3.0, n)
     drawn = sigma * rng.standard_normal((20_000, n))
-    assert uniform(alike_p_value(drawn, sigma), (0.03, 0.01, 0.001))
+    assert assert_uniform(alike_p_value(drawn, sigma), (0.03, 0.01, 0.001))
     # Errors that are smaller than stated make fewer, whatever the number of satellites.
     many = alike_p_value(0.1 * rng.standard_normal((20_000, 8 * n)), np.ones(8 * n))
     assert all((many <= level).mean() <= 1.2 * level for level in (0.1, 0.01))
@@ -66,4 +66,4 @@ def test_a_clock_turns_by_its_allan_deviation(name):
     white = type(oscillator)(white_s=oscillator.white_s)
     steps_s = np.sqrt(0.5 * white.white_s * apart_s) * rng.standard_normal((4000, 2))
     turn_m = SPEED_OF_LIGHT_M_S * (steps_s[:, 1] - steps_s[:, 0]) + 1e-3 * rng.standard_normal(4000)
-    assert uniform(turn_p_value(turn_m, 1e-6, turn_sigma_m(white, apart_s)))
+    assert assert_uniform(turn_p_value(turn_m, 1e-6, turn_sigma_m(white, apart_s)))

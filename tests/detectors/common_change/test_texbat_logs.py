@@ -14,7 +14,7 @@ LOCKED, GPS = 5, 32
 
 
 def read_log(path):
-    """Valid measurements of GPS satellites in phase lock, by epochs of the raw receiver time."""
+    """Read valid measurements of GPS satellites in phase lock, by epochs of the raw receiver time."""
     table = np.loadtxt(path, delimiter=",")
     table = table[(table[:, 13] <= GPS) & (table[:, 2] != 9999) & (table[:, 9] == 1) & (table[:, 11] >= LOCKED)]
     elapsed_s, rows = np.unique(table[:, 1].round(6), return_inverse=True)

@@ -24,25 +24,25 @@ ONSET_S = 25.0
 CODES = ("one_motion", "dragged", "dragged_by_some")
 
 
-def attacks(found):
+def select_attacks(found):
     return [[e for e in evidence if e.says == "attack"] for evidence in found]
 
 
-def codes_moved(o, moved_m):
+def move_codes(o, moved_m):
     return change_cells(o, pseudorange_m=o.pseudorange_m + moved_m)
 
 
 def drag_codes(o, speed_m_s):
-    """Codes to the east from the onset on; carriers stay."""
+    """Drag codes to the east from the onset on, and leave carriers."""
     unit = build_series(o, NAVIGATION, PLACE_ECEF_M, Limits()).unit
     east = np.array([0.05, 0.999, 0.0])
-    return codes_moved(o, -(unit @ east) * speed_m_s * np.maximum(o.elapsed_s - ONSET_S, 0.0)[:, None])
+    return move_codes(o, -(unit @ east) * speed_m_s * np.maximum(o.elapsed_s - ONSET_S, 0.0)[:, None])
 
 
 @pytest.mark.parametrize("motion", ["standing", "car at 2 g"])
 def test_codes_dragged_to_another_place_are_found_in_two_windows(motion):
     found = examine_all(drag_codes(observe_scene(motion=motion, duration_s=52.0), 2.5))
-    words = attacks(found)
+    words = select_attacks(found)
     assert not any(words[:2])
     assert any(words[2:4])
     (first, *_) = (e for evidence in words for e in evidence)
@@ -52,7 +52,7 @@ def test_codes_dragged_to_another_place_are_found_in_two_windows(motion):
 def test_codes_that_part_as_a_clock_does_are_no_such_attack():
     o = observe_scene()
     late_m = np.broadcast_to(3.0 * np.maximum(o.elapsed_s - ONSET_S, 0.0)[:, None], o.pseudorange_m.shape)
-    assert not any(attacks(examine_all(codes_moved(o, late_m))))
+    assert not any(select_attacks(examine_all(move_codes(o, late_m))))
 
 
 @pytest.mark.parametrize("satellites", [1, 2])
@@ -60,7 +60,7 @@ def test_reflections_of_two_satellites_are_no_attack(satellites):
     o = observe_scene()
     late_m = np.zeros(o.pseudorange_m.shape)
     late_m[:, :satellites] = 4.0 * np.maximum(o.elapsed_s - ONSET_S, 0.0)[:, None]
-    assert not any(attacks(examine_all(codes_moved(o, late_m))))
+    assert not any(select_attacks(examine_all(move_codes(o, late_m))))
 
 
 @pytest.mark.parametrize("row", [62, 70, 75, 85, 110])
@@ -68,7 +68,7 @@ def test_recordings_that_are_joined_unseen_are_no_attack(row):
     # Codes step by 61 m, and loops that have seen nothing go on.
     other = observe_scene(2, noise=WHITE, place=(40.0, 46.0), lo_ppm=0.8)
     found = examine_all(join_rows(observe_scene(1, noise=WHITE), other, row, slip=False))
-    assert not any(attacks(found))
+    assert not any(select_attacks(found))
     assert any(e.failed for evidence in found for e in evidence)
 
 
@@ -76,7 +76,7 @@ def test_after_a_step_long_before_codes_that_move_are_no_attack():
     # Reflections that make a step are larger than stated: some in a row are a motion.
     o = drag_codes(observe_scene(duration_s=52.0), 2.5)
     east = build_series(o, NAVIGATION, PLACE_ECEF_M, Limits()).unit @ np.array([0.05, 0.999, 0.0])
-    found = examine_all(codes_moved(o, -60.0 * east * (o.elapsed_s > 4.0)[:, None]))
+    found = examine_all(move_codes(o, -60.0 * east * (o.elapsed_s > 4.0)[:, None]))
     assert not any(e.code == "dragged" for evidence in found for e in evidence)
     assert any(e.failed for evidence in found[2:] for e in evidence)
 

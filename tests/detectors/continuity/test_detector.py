@@ -51,8 +51,8 @@ LIGHT_M_S = 299_792_458.0
 
 
 @cache
-def geometry(motion="standing", oscillator="tcxo", *, place=(0.0, 0.0), lo_ppm=0.3, duration_s=42.0, seed=1):
-    """One receiver, `place` metres east and north of the usual one."""
+def simulate_receiver(motion="standing", oscillator="tcxo", *, place=(0.0, 0.0), lo_ppm=0.3, duration_s=42.0, seed=1):
+    """Simulate one receiver, `place` metres east and north of the usual one."""
     table = {
         "seed": seed,
         "start_gpst": START,
@@ -73,7 +73,7 @@ def geometry(motion="standing", oscillator="tcxo", *, place=(0.0, 0.0), lo_ppm=0
 
 
 def observe_scene(draw_of=0, *, noise=FIELD, **scene):
-    (o,), _ = draw(geometry(**scene), rng=np.random.default_rng(draw_of), noise=noise)
+    (o,), _ = draw(simulate_receiver(**scene), rng=np.random.default_rng(draw_of), noise=noise)
     return o
 
 
@@ -81,8 +81,8 @@ def change_cells(o, **cells):
     return replace(o, **cells)
 
 
-def windows(o, *, sets=True):
-    """Records of 10 s each; the one set is the whole sky."""
+def make_windows(o, *, sets=True):
+    """Make records of 10 s each, whose one set is the whole sky."""
     found = []
     for number in range(int(o.elapsed_s[-1] // WINDOW_S)):
         start = o.gpst[0] + np.timedelta64(WINDOW_S * number, "s")
@@ -108,9 +108,9 @@ def windows(o, *, sets=True):
 
 
 def examine_all(o, **settings):
-    """All evidence of all windows, with the settings of a usual run."""
+    """Examine all windows with the settings of a usual run."""
     detector, state, found = Continuity(ContinuitySettings(**({"false_alarm_probability": 1e-6} | settings))), None, []
-    for records in windows(o):
+    for records in make_windows(o):
         evidence, state = detector.examine(records, state)
         found.append(evidence)
     return found
@@ -121,7 +121,7 @@ def select_failed(found):
 
 
 def join_rows(one, other, row, *, slip=True):
-    """The first rows of one, the rest of the other, as a file that was cut and joined: the counter goes on."""
+    """Join the first rows of one record and the rest of the other, as in a file that was cut and joined."""
     cells = {name: np.concatenate((getattr(one, name)[:row], getattr(other, name)[row:])) for name in OBSERVABLES}
     carrier_cyc, doppler_hz = cells["carrier_cyc"], cells["doppler_hz"]
     goes_on_cyc = carrier_cyc[row - 1] - 0.5 * EPOCH_S * (doppler_hz[row - 1] + doppler_hz[row])
@@ -132,7 +132,7 @@ def join_rows(one, other, row, *, slip=True):
 
 
 def shift_ahead(o, row, seconds):
-    """The signals' time jumps ahead by so much, as where samples are missing; all carriers break."""
+    """Shift the signals' time ahead, as where samples are missing, and break all carriers."""
     later = np.arange(o.gpst.size)[:, None] >= row
     status = o.status.copy()
     status[row] = 3
@@ -144,8 +144,8 @@ def shift_ahead(o, row, seconds):
     )
 
 
-def without_rows(o, first, last):
-    """Nothing was measured in these rows, and carriers start anew after them."""
+def drop_rows(o, first, last):
+    """Drop the measurements of these rows, after which carriers start again."""
     hidden = {name: getattr(o, name).copy() for name in OBSERVABLES}
     status = o.status.copy()
     for cells in hidden.values():
@@ -159,11 +159,11 @@ def without_rows(o, first, last):
 
 
 def add_breaks(o, rng):
-    """Slips, gaps of single signals, and one outage of all, after which they come back one by one."""
+    """Add slips, gaps of single signals, and one outage of all, after which they come back one by one."""
     cells, status = {name: getattr(o, name).copy() for name in OBSERVABLES}, o.status.copy()
     n, m = status.shape
 
-    def lost(first, last, channel):
+    def lose(first, last, channel):
         for values in cells.values():
             values[first:last, channel] = np.nan
         status[first:last, channel], status[last, channel] = 1, 3
@@ -175,22 +175,22 @@ def add_breaks(o, rng):
         cells["carrier_cyc"][row:, channel] += 0.5 * rng.integers(-50, 50)
     for _ in range(6):
         row = int(rng.integers(1, n - 60))
-        lost(row, row + int(rng.integers(1, 25)), int(rng.integers(m)))
+        lose(row, row + int(rng.integers(1, 25)), int(rng.integers(m)))
     row, length = int(rng.integers(30, n - 60)), int(rng.integers(2, 40))
     for channel in range(m):
-        lost(row, row + length + int(rng.integers(0, 10)), channel)
+        lose(row, row + length + int(rng.integers(0, 10)), channel)
     return replace(o, status=status, **cells)
 
 
-def alarms(motion, oscillator, draws, seed, *, alpha=0.1, disturb=False, **limits):
-    """False alarms of tests of continuity, and tests, over windows of clean sky."""
+def count_alarms(motion, oscillator, draws, seed, *, alpha=0.1, disturb=False, **limits):
+    """Count false alarms of tests of continuity, and tests, over windows of clean sky."""
     rng, count, tests = np.random.default_rng(seed), 0, 0
-    exact = geometry(motion, oscillator, duration_s=62.0, lo_ppm=float(rng.normal()), seed=seed)
+    exact = simulate_receiver(motion, oscillator, duration_s=62.0, lo_ppm=float(rng.normal()), seed=seed)
     detector = Continuity(ContinuitySettings(false_alarm_probability=alpha, **limits))
     for _ in range(draws):
         (o,), _ = draw(exact, rng=rng, noise=FIELD)
         state = None
-        for records in windows(add_breaks(o, rng) if disturb else o):
+        for records in make_windows(add_breaks(o, rng) if disturb else o):
             evidence, state = detector.examine(records, state)
             count += any(e.p_value is not None and e.says == "undecided" for e in evidence)
             tests += 1
@@ -202,14 +202,14 @@ def alarms(motion, oscillator, draws, seed, *, alpha=0.1, disturb=False, **limit
     ("motion", "oscillator"), [("standing", "tcxo"), ("aircraft at 3 g", "tcxo"), ("brakes and turns at 2 g", "ocxo")]
 )
 def test_clean_skies_go_on(motion, oscillator):
-    count, tests = alarms(motion, oscillator, 3, 1, disturb=True)
+    count, tests = count_alarms(motion, oscillator, 3, 1, disturb=True)
     assert tests == 18
     assert count == 0  # bounds all: a hundred times as many draws have hardly one
 
 
 @pytest.mark.parametrize("draws", [1, pytest.param(100, marks=pytest.mark.long)])
 def test_a_known_standing_receiver_continues_through_outages(draws):
-    count, tests = alarms("standing", "tcxo", draws, 11, disturb=True, speed_max_m_s=0.0)
+    count, tests = count_alarms("standing", "tcxo", draws, 11, disturb=True, speed_max_m_s=0.0)
     assert tests == 6 * draws
     assert stats.binomtest(count, tests, 0.1, alternative="greater").pvalue > 1e-3
 
@@ -219,12 +219,12 @@ def test_a_known_standing_receiver_continues_through_outages(draws):
 @pytest.mark.parametrize("oscillator", ["tcxo", "ocxo"])
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_false_alarms_of_clean_skies_are_no_more_than_asked(motion, oscillator, disturb):
-    count, tests = alarms(motion, oscillator, 40, 7, disturb=disturb)
+    count, tests = count_alarms(motion, oscillator, 40, 7, disturb=disturb)
     assert tests == 240
     assert stats.binomtest(count, tests, 0.1, alternative="greater").pvalue > 1e-3
 
 
-def draws_of_jumps(n, limits):
+def draw_jumps(n, limits):
     scene = MeasuredScene(antennas_enu_m={"rx1": (0.0, 0.0, 0.0)}, epochs=50, step_s=0.2, errors=TrackErrors(1.0))
     rng, row, chances = np.random.default_rng(3), np.array([25]), []
     for _ in range(n):
@@ -238,18 +238,18 @@ def draws_of_jumps(n, limits):
 
 
 def test_steps_of_position_and_clock_are_chi_square_if_clean():
-    chances = draws_of_jumps(200, Limits(span_s=5.0, multipath_sigma_m=0.0))
+    chances = draw_jumps(200, Limits(span_s=5.0, multipath_sigma_m=0.0))
     for column in (0, 1):
         assert stats.kstest(chances[:, column], "uniform").pvalue > 1e-3
         assert stats.binomtest(int((chances[:, column] < 0.1).sum()), 200, 0.1).pvalue > 1e-3
 
 
 def test_pieces_equal_the_whole():
-    check_pieces(Continuity, windows(add_breaks(observe_scene(3), np.random.default_rng(3))))
+    check_pieces(Continuity, make_windows(add_breaks(observe_scene(3), np.random.default_rng(3))))
 
 
 def test_slow_drift_and_unseen_turns_are_no_step():
-    o = without_rows(observe_scene(motion="aircraft at 3 g"), 70, 85)  # 3 s
+    o = drop_rows(observe_scene(motion="aircraft at 3 g"), 70, 85)  # 3 s
     assert not select_failed(examine_all(o))
 
 
@@ -383,8 +383,8 @@ def test_missing_samples_are_reported_and_are_no_failure(motion):
     assert only.data["missing_s"] == pytest.approx(0.4, abs=1e-6)
 
 
-def with_second_kind(o):
-    """The same satellites by another code too."""
+def add_second_kind(o):
+    """Add the same satellites by another code."""
     second = tuple(replace(signal, code="W") for signal in o.signals)
     twice = {name: np.tile(getattr(o, name), (1, 2)) for name in (*OBSERVABLES, "status")}
     lives = {name: np.tile(getattr(o, name), 2) for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")}
@@ -394,7 +394,7 @@ def with_second_kind(o):
 @pytest.mark.parametrize("only_one", [True, False], ids=["one kind", "both kinds"])
 def test_samples_are_missing_in_all_kinds_or_in_none(only_one):
     # A kind that is ahead while the other goes on is no gap of a recording.
-    o, row = with_second_kind(observe_scene(noise=WHITE)), 77
+    o, row = add_second_kind(observe_scene(noise=WHITE)), 77
     late = shift_ahead(o, row, 5e-7)
     if only_one:
         n = len(o.signals) // 2
@@ -409,25 +409,25 @@ def test_samples_are_missing_in_all_kinds_or_in_none(only_one):
 def test_an_impossible_jump_in_an_outage_is_reported():
     far = join_rows(observe_scene(1), observe_scene(2, place=(900.0, 0.0), lo_ppm=0.8), 80)
     near = join_rows(observe_scene(1), observe_scene(2, place=(90.0, 0.0)), 80)
-    reported = select_failed(examine_all(without_rows(far, 70, 85)))[0]
+    reported = select_failed(examine_all(drop_rows(far, 70, 85)))[0]
     assert reported.data["outage_s"] == pytest.approx(3.2)
     assert reported.data["position_m"] == pytest.approx(900.0, abs=10.0)
     assert "joined" in reported.may_also_be
-    assert not select_failed(examine_all(without_rows(near, 70, 85)))
-    limited = select_failed(examine_all(without_rows(near, 70, 85), speed_max_m_s=5.0))[0]
+    assert not select_failed(examine_all(drop_rows(near, 70, 85)))
+    limited = select_failed(examine_all(drop_rows(near, 70, 85), speed_max_m_s=5.0))[0]
     assert limited.data["position_m"] == pytest.approx(90.0, abs=10.0)
 
 
 def test_signals_found_again_under_other_names_are_the_same_sky():
     o = observe_scene()
-    again = replace(without_rows(o, 70, 78), signals=tuple(replace(s, copy="b") for s in o.signals))
+    again = replace(drop_rows(o, 70, 78), signals=tuple(replace(s, copy="b") for s in o.signals))
     all_signals = tuple(o.signals) + again.signals
     n = np.arange(o.gpst.size)[:, None]
 
-    def doubled(first, second):
+    def double(first, second):
         return np.concatenate((np.where(n < 70, first, np.nan), np.where(n >= 78, second, np.nan)), axis=1)
 
-    cells = {name: doubled(getattr(o, name), getattr(again, name)) for name in OBSERVABLES}
+    cells = {name: double(getattr(o, name), getattr(again, name)) for name in OBSERVABLES}
     status = np.where(np.isfinite(cells["pseudorange_m"]), 0, 1).astype(np.uint8)
     lives = {
         f.name: np.concatenate((getattr(o, f.name),) * 2)
@@ -444,20 +444,20 @@ def test_signals_found_again_under_other_names_are_the_same_sky():
 
 
 def test_what_is_lacking_is_reported():
-    records = windows(observe_scene())[0]
+    records = make_windows(observe_scene())[0]
     (evidence,), state = Continuity().examine(replace(records, sets=()))
     assert evidence.says == "undecided"
     assert evidence.lacking
     assert state is None
 
 
-def bare(o, *names):
-    """Without some of what is measured."""
+def drop_fields(o, *names):
+    """Drop some of the measured fields."""
     return replace(o, **{name: np.full_like(getattr(o, name), np.nan) for name in names})
 
 
-def few(o, satellites, rows=slice(None)):
-    """Pseudoranges of so many satellites at most, at some epochs."""
+def keep_few(o, satellites, rows=slice(None)):
+    """Keep pseudoranges of so many satellites at most, at some epochs."""
     ranges_m = o.pseudorange_m.copy()
     ranges_m[rows, satellites:] = np.nan
     return replace(o, pseudorange_m=ranges_m)
@@ -466,11 +466,11 @@ def few(o, satellites, rows=slice(None)):
 @pytest.mark.parametrize(
     ("lacks", "reason"),
     [
-        (lambda o: few(o, 4), explain_few_epochs(few(observe_scene(), 4), 0, stepped=False)),
-        (lambda o: few(o, 4, slice(2, None)), explain_few_epochs(observe_scene(), 2, stepped=False)),
+        (lambda o: keep_few(o, 4), explain_few_epochs(keep_few(observe_scene(), 4), 0, stepped=False)),
+        (lambda o: keep_few(o, 4, slice(2, None)), explain_few_epochs(observe_scene(), 2, stepped=False)),
         (
-            lambda o: bare(o, "carrier_cyc", "doppler_hz"),
-            explain_no_step(bare(observe_scene(), "carrier_cyc", "doppler_hz")),
+            lambda o: drop_fields(o, "carrier_cyc", "doppler_hz"),
+            explain_no_step(drop_fields(observe_scene(), "carrier_cyc", "doppler_hz")),
         ),
         (lambda o: replace(o, carrier_hz=np.full(len(o.signals), np.nan)), None),
     ],
@@ -479,7 +479,7 @@ def few(o, satellites, rows=slice(None)):
 def test_each_reason_not_to_run_has_its_own_code(lacks, reason):
     o = lacks(observe_scene())
     reason = reason or explain_no_step(o)
-    (evidence, *_), _ = Continuity().examine(windows(o)[0])
+    (evidence, *_), _ = Continuity().examine(make_windows(o)[0])
     assert (evidence.code, evidence.data) == (reason.code, reason.data)
     assert evidence.p_value is None
 
@@ -489,10 +489,10 @@ def test_reasons_not_to_run_are_told_apart():
     apart = replace(o, pseudorange_m=np.where(np.arange(len(o.signals)) % 2, o.pseudorange_m, np.nan))
     reasons = [
         NotTested("no_set"),
-        explain_few_epochs(few(o, 4), 0, stepped=False),
+        explain_few_epochs(keep_few(o, 4), 0, stepped=False),
         explain_few_epochs(o, 2, stepped=True),
         explain_no_step(replace(o, carrier_hz=np.full(len(o.signals), np.nan))),
-        explain_no_step(bare(o, "carrier_cyc", "doppler_hz")),
+        explain_no_step(drop_fields(o, "carrier_cyc", "doppler_hz")),
         explain_no_step(apart),
     ]
     codes = ["no_set", "few_satellites", "few_epochs_since_step", "no_frequency", "ranges_alone", "one_side"]
@@ -505,7 +505,7 @@ def test_settings_that_make_no_sense_are_refused():
 
 
 def test_the_places_of_the_tests_are_as_far_apart_as_they_say():
-    (elsewhere,) = geometry(place=(40.0, 46.0))
+    (elsewhere,) = simulate_receiver(place=(40.0, 46.0))
     assert elsewhere.receiver == "rx1"
     east_m = rot_enu_ecef(*PLACE_RAD) @ (
         ecef_from_geodetic(

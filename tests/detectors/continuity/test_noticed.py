@@ -9,8 +9,8 @@ from tests.detectors.continuity.test_detector import (
     PLACE_ECEF_M,
     WHITE,
     change_cells,
+    make_windows,
     observe_scene,
-    windows,
 )
 
 from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
@@ -20,21 +20,21 @@ from skyproof.statistics.distributions import noncentrality_for_power
 LIMITS = Limits()
 
 
-def findings(o):
+def find_all(o):
     detector, state, found = Continuity(ContinuitySettings(false_alarm_probability=1e-6)), None, []
-    for records in windows(o):
+    for records in make_windows(o):
         evidence, state = detector.examine(records, state)
         found += evidence
     return found
 
 
-def size_of(found, kind):
-    """The size in the window in which the tests see least."""
+def find_size(found, kind):
+    """Return the size in the window in which the tests see least."""
     return max(attack.size for finding in found for attack in finding.noticed if attack.kind == kind)
 
 
 def shift_ranges(o, change_m, *, row=None):
-    """Pseudoranges changed by so much, (n, m); at a row at which all carriers break."""
+    """Change pseudoranges by so much, (n, m), from a row at which all carriers break."""
     status = o.status.copy()
     if row is not None:
         status[row] = 3
@@ -42,7 +42,7 @@ def shift_ranges(o, change_m, *, row=None):
 
 
 def move_at_once(o, rng, size_m):
-    """The position of the attacked receiver jumps in any direction."""
+    """Let the position of the attacked receiver jump in any direction."""
     row = int(rng.integers(30, o.gpst.size - 30))
     direction = rng.normal(size=3)
     direction *= size_m / np.linalg.norm(direction)
@@ -50,23 +50,23 @@ def move_at_once(o, rng, size_m):
     return shift_ranges(o, np.where(np.arange(o.gpst.size)[:, None] >= row, -unit @ direction, 0.0), row=row)
 
 
-def late(o, rng, size_s):
-    """Its time jumps back: ahead, missing samples would do the same."""
+def delay_time(o, rng, size_s):
+    """Let the time jump back; missing samples would make it jump ahead."""
     row = int(rng.integers(30, o.gpst.size - 30))
     change_m = np.where(np.arange(o.gpst.size) >= row, LIGHT_M_S * size_s, 0.0)
     return shift_ranges(o, np.broadcast_to(change_m[:, None], o.pseudorange_m.shape), row=row)
 
 
 def drag_codes(o, rng, size_m_s):
-    """Codes drag the position off, carriers stay."""
+    """Drag the position off by codes alone, without the carriers."""
     direction = rng.normal(size=3)
     direction *= size_m_s / np.linalg.norm(direction)
     unit = build_series(o, NAVIGATION, PLACE_ECEF_M, LIMITS).unit
     return shift_ranges(o, -(unit @ direction) * np.maximum(o.elapsed_s - 8.0, 0.0)[:, None])
 
 
-def along(o, begins_m_s, row):
-    """Codes and carriers change at such rates from a row on, (m,), unbroken."""
+def change_rates(o, begins_m_s, row):
+    """Change codes and carriers at such rates from a row on, (m,), unbroken."""
     since_s = np.maximum(o.elapsed_s - o.elapsed_s[row - 1], 0.0)[:, None]
     wavelength_m = LIGHT_M_S / o.carrier_hz
     return change_cells(
@@ -77,18 +77,18 @@ def along(o, begins_m_s, row):
     )
 
 
-def pull_codes(o, rng, size_m_s):
-    """The position begins to be dragged off at once, codes and carriers together."""
+def pull_position(o, rng, size_m_s):
+    """Drag the position off by codes and carriers together from the start."""
     row = int(rng.integers(30, o.gpst.size - 30))
     direction = rng.normal(size=3)
     direction *= size_m_s / np.linalg.norm(direction)
-    return along(o, -build_series(o, NAVIGATION, PLACE_ECEF_M, LIMITS).unit[row] @ direction, row)
+    return change_rates(o, -build_series(o, NAVIGATION, PLACE_ECEF_M, LIMITS).unit[row] @ direction, row)
 
 
 def push_time(o, rng, size_s_s):
-    """The time begins to be pushed at once."""
+    """Push the time from the start."""
     row = int(rng.integers(30, o.gpst.size - 30))
-    return along(o, np.full(len(o.signals), LIGHT_M_S * size_s_s * rng.choice([-1.0, 1.0])), row)
+    return change_rates(o, np.full(len(o.signals), LIGHT_M_S * size_s_s * rng.choice([-1.0, 1.0])), row)
 
 
 @pytest.mark.parametrize(
@@ -96,8 +96,8 @@ def push_time(o, rng, size_s_s):
     # A drag adds up from window to window: the first one sees least of it.
     [
         ("position_jump", move_at_once, 0.4),
-        ("clock_jump", late, 0.4),
-        ("velocity_jump", pull_codes, 0.4),
+        ("clock_jump", delay_time, 0.4),
+        ("velocity_jump", pull_position, 0.4),
         ("clock_push", push_time, 0.4),
         ("code_drag", drag_codes, 0.1),
     ],
@@ -107,9 +107,9 @@ def test_attacks_of_the_size_that_is_stated_are_noticed(kind, attack, small, dra
     rng, noticed, few = np.random.default_rng(17), 0, 0
     for draw in range(draws):
         o = observe_scene(draw, noise=WHITE, duration_s=42.0)
-        size = size_of(findings(o), kind)
-        noticed += any(finding.failed or finding.says == "attack" for finding in findings(attack(o, rng, size)))
-        few += any(finding.failed or finding.says == "attack" for finding in findings(attack(o, rng, small * size)))
+        size = find_size(find_all(o), kind)
+        noticed += any(finding.failed or finding.says == "attack" for finding in find_all(attack(o, rng, size)))
+        few += any(finding.failed or finding.says == "attack" for finding in find_all(attack(o, rng, small * size)))
     assert stats.binomtest(noticed, draws, 0.97, alternative="less").pvalue > 1e-3
     assert few < 0.5 * draws
 

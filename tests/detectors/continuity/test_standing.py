@@ -24,12 +24,12 @@ STANDING = ("stands", "moves", "moves_by_some")
 ONSET_S = 25.0
 
 
-def attacks(found):
+def select_attacks(found):
     return [[e for e in evidence if e.says == "attack"] for evidence in found]
 
 
 def move_receiver(o, moved_m):
-    """All that a receiver measures, moved by ranges (n, m)."""
+    """Move all that a receiver measures by ranges (n, m)."""
     rate_m_s = np.gradient(moved_m, o.elapsed_s, axis=0)
     return change_cells(
         o,
@@ -40,7 +40,7 @@ def move_receiver(o, moved_m):
 
 
 def drag_codes(o, speed_m_s):
-    """By an attack from the onset on, to the north and up."""
+    """Drag codes to the north and up from the onset on."""
     series = build_series(o, NAVIGATION, PLACE_ECEF_M, Limits())
     way_m = speed_m_s * np.maximum(o.elapsed_s - ONSET_S, 0.0)
     return move_receiver(o, -(series.unit @ np.array([0.0, 0.6, 0.8])) * way_m[:, None])
@@ -48,8 +48,8 @@ def drag_codes(o, speed_m_s):
 
 def test_a_dragged_position_is_an_attack_in_its_first_window():
     found = examine_all(drag_codes(observe_scene(), 0.3), speed_max_m_s=0.0)
-    assert [len(attack) for attack in attacks(found)] == [0, 0, 1, 1]
-    first, second = attacks(found)[2][0], attacks(found)[3][0]
+    assert [len(attack) for attack in select_attacks(found)] == [0, 0, 1, 1]
+    first, second = select_attacks(found)[2][0], select_attacks(found)[3][0]
     assert (first.code, first.data["assumes"]) == ("moves", ("receiver_stands",))
     assert second.data["moved_m"] == pytest.approx(3.0, abs=0.2)
 
@@ -60,7 +60,7 @@ def test_reflections_that_move_a_few_carriers_are_no_attack(satellites):
     o = observe_scene()
     way_m = np.zeros(o.pseudorange_m.shape)
     way_m[:, :satellites] = 3.0 * np.maximum(o.elapsed_s - ONSET_S, 0.0)[:, None]
-    assert not any(attacks(examine_all(move_receiver(o, way_m), speed_max_m_s=0.0)))
+    assert not any(select_attacks(examine_all(move_receiver(o, way_m), speed_max_m_s=0.0)))
 
 
 def test_two_satellites_that_could_explain_it_leave_it_open():
@@ -70,7 +70,7 @@ def test_two_satellites_that_could_explain_it_leave_it_open():
         o, pseudorange_m=np.where(np.arange(o.pseudorange_m.shape[1]) < 6, o.pseudorange_m, np.nan)
     )  # the others are not received
     found = examine_all(six, speed_max_m_s=0.0)
-    assert not any(attacks(found))
+    assert not any(select_attacks(found))
     assert any(e.failed and e.overrules and e.code == "moves_by_some" for e in found[-1])
 
 
@@ -79,7 +79,7 @@ def test_the_strongest_reflections_at_once_are_no_motion():
     o, rng = observe_scene(), np.random.default_rng(3)
     turned = rng.choice([-0.25, 0.25], o.carrier_cyc.shape)[np.floor(o.elapsed_s).astype(int)]
     found = examine_all(change_cells(o, carrier_cyc=o.carrier_cyc + turned), speed_max_m_s=0.0)
-    assert not any(attacks(found))
+    assert not any(select_attacks(found))
     assert not any(e.code.startswith("moves") for evidence in found for e in evidence)
 
 
@@ -87,18 +87,23 @@ def test_the_strongest_reflections_at_once_are_no_motion():
 def test_a_clock_that_runs_off_is_no_motion(oscillator):
     o = observe_scene(oscillator=oscillator)
     way_m = np.broadcast_to(10.0 * np.maximum(o.elapsed_s - ONSET_S, 0.0)[:, None], o.carrier_cyc.shape)
-    assert not any(attacks(examine_all(move_receiver(o, way_m), speed_max_m_s=0.0)))
+    assert not any(select_attacks(examine_all(move_receiver(o, way_m), speed_max_m_s=0.0)))
 
 
 def test_only_a_stated_stand_is_contradicted_by_motion():
     ship = observe_scene(motion="ship")
-    assert [len(attacks_found) for attacks_found in attacks(examine_all(ship, speed_max_m_s=0.0))] == [1, 1, 1, 1]
-    assert not any(attacks(examine_all(ship)))
+    assert [len(attacks_found) for attacks_found in select_attacks(examine_all(ship, speed_max_m_s=0.0))] == [
+        1,
+        1,
+        1,
+        1,
+    ]
+    assert not any(select_attacks(examine_all(ship)))
     assert not any(e.code in STANDING for evidence in examine_all(ship) for e in evidence)
 
 
-def p_values(draws, error_m, *, span_s=2.5):
-    """Of a standing receiver whose carriers err by `error_m` at each end, independently."""
+def draw_p_values(draws, error_m, *, span_s=2.5):
+    """Draw p-values of a standing receiver whose carriers err by `error_m` at each end, independently."""
     o = observe_scene(noise=WHITE)
     o = o.select(o.elapsed_s <= o.elapsed_s[0] + span_s + 0.01)
     series, rng, found = build_series(o, NAVIGATION, PLACE_ECEF_M, Limits()), np.random.default_rng(5), []
@@ -112,7 +117,7 @@ def p_values(draws, error_m, *, span_s=2.5):
 
 
 def test_the_p_value_is_uniform_where_carriers_err_as_stated():
-    chances = p_values(400, ERROR_M)
+    chances = draw_p_values(400, ERROR_M)
     assert stats.kstest(chances, "uniform").pvalue > 1e-3
     for level in (0.1, 0.02):
         assert stats.binomtest(int((chances < level).sum()), chances.size, level).pvalue > 1e-3

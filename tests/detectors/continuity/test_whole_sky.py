@@ -8,7 +8,7 @@ from skyproof.detectors.continuity.whole_sky import estimate_motion
 ALPHA = 1e-7
 
 
-def unit_of(satellites, rng):
+def draw_unit_vectors(satellites, rng):
     elevation_rad = np.arcsin(rng.uniform(0.15, 1.0, satellites))
     azimuth_rad = rng.uniform(0.0, 2.0 * np.pi, satellites)
     along = np.cos(elevation_rad)
@@ -27,7 +27,7 @@ def test_a_motion_under_stated_errors_is_the_whole_skys(satellites):
     rng = np.random.default_rng(satellites)
     found = []
     for _ in range(40):
-        unit = unit_of(satellites, rng)
+        unit = draw_unit_vectors(satellites, rng)
         change = -unit @ [60.0, 0.0, 0.0] + 7.0 + rng.normal(size=satellites)
         found.append(find_motion(unit, change).whole_sky_p_value < ALPHA)
     assert np.mean(found) > 0.9
@@ -39,6 +39,7 @@ def test_far_larger_errors_are_no_motion_of_the_whole_sky(satellites, scale):
     # As between houses: without this rule up to 66 of 150 draws were one.
     rng = np.random.default_rng(satellites)
     chances = [
-        find_motion(unit_of(satellites, rng), scale * rng.normal(size=satellites)).whole_sky_p_value for _ in range(150)
+        find_motion(draw_unit_vectors(satellites, rng), scale * rng.normal(size=satellites)).whole_sky_p_value
+        for _ in range(150)
     ]
     assert sum(chance < ALPHA for chance in chances) <= 1

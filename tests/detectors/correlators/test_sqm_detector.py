@@ -24,7 +24,7 @@ def examine_all(seed, seconds, detector=RARE):
     return evidence
 
 
-def sats(evidence):
+def list_sats(evidence):
     return [ref.signal.sat for ref in evidence.signals]
 
 
@@ -38,7 +38,7 @@ def test_signals_alone_are_clean():
 def test_one_distorted_signal_is_reported_and_turns_nothing(ray):
     evidence = examine_all(2, {3: ray})
     assert (evidence.says, evidence.code, stands_beside(evidence)) == ("clean", "some_distorted", True)
-    assert sats(evidence) == ["G04"]
+    assert list_sats(evidence) == ["G04"]
 
 
 def test_late_signals_everywhere_are_open_and_no_attack():
@@ -52,7 +52,7 @@ def test_late_signals_everywhere_are_open_and_no_attack():
 def test_early_signals_in_several_are_an_attack():
     evidence = examine_all(4, dict.fromkeys((0, 2, 4, 6, 8), EARLY))
     assert (evidence.says, evidence.code) == ("attack", "earlier_signals")
-    assert sats(evidence) == ["G01", "G03", "G05", "G07", "G09"]
+    assert list_sats(evidence) == ["G01", "G03", "G05", "G07", "G09"]
     assert evidence.p_value < 1e-6
 
 
@@ -74,7 +74,7 @@ def test_signals_beside_another_of_their_satellite_are_left_out():
     (taps,) = records.taps
     doubled = replace(taps, signals=(*TAPS_SIGNALS[:8], SignalId("G01", copy="b"), SignalId("G02", copy="b")))
     (evidence,), _ = RARE.examine(replace(records, taps=(doubled,)))
-    assert sats(evidence) == ["G03", "G04", "G05", "G06", "G07", "G08"]
+    assert list_sats(evidence) == ["G03", "G04", "G05", "G06", "G07", "G08"]
 
 
 def test_gaps_shorten_what_is_looked_at():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
-from tests.detectors.nulls import with_vector_taps
+from tests.detectors.nulls import draw_vector_taps
 
 from skyproof.detectors.correlators.correlator_laws import triangle
 from skyproof.detectors.correlators.vector_sqm import satellite_geometry
@@ -23,7 +23,7 @@ from skyproof.studies.vector_rules import equilibrium
 
 
 def settle_loops(records, code_chips, doppler_hz, places):
-    """Offsets when these satellites are attacked alike."""
+    """Return the offsets at which loops settle when these satellites are attacked alike."""
     (o,), (taps,) = records.observations, records.vector_taps
     where = satellite_geometry(compute_directions(o, records.navigation, taps.signals, VectorSqmSettings()).design)
     attack = np.isin(np.arange(len(o.signals)), places)
@@ -31,9 +31,9 @@ def settle_loops(records, code_chips, doppler_hz, places):
 
 
 def examine_attack(places, code_chips=0.3, doppler_hz=150.0, seed=5):
-    """What is said of an attack, and the names of the signals."""
-    offsets = settle_loops(with_vector_taps(np.random.default_rng(seed)), code_chips, doppler_hz, places)
-    records = with_vector_taps(np.random.default_rng(seed), *offsets)
+    """Examine an attack; return its findings and the names of the signals."""
+    offsets = settle_loops(draw_vector_taps(np.random.default_rng(seed)), code_chips, doppler_hz, places)
+    records = draw_vector_taps(np.random.default_rng(seed), *offsets)
     (evidence,) = VectorSqm().examine(records)[0]
     return evidence, [str(signal) for signal in records.vector_taps[0].signals]
 
@@ -46,11 +46,11 @@ def test_a_signal_that_does_not_fit_fails_the_test_and_is_named():
 
 
 def test_an_offset_below_each_window_is_found_and_dated():
-    offsets = settle_loops(with_vector_taps(np.random.default_rng(5)), 0.0, 5.0, [3])
+    offsets = settle_loops(draw_vector_taps(np.random.default_rng(5)), 0.0, 5.0, [3])
     rng, strict = np.random.default_rng(12), VectorSqm(VectorSqmSettings(1e-6))
     state, together, alone = None, [], []
     for _ in range(14):
-        records = with_vector_taps(rng, *offsets)
+        records = draw_vector_taps(rng, *offsets)
         alone += strict.examine(records)[0]
         evidence, state = strict.examine(records, state)
         together += evidence
@@ -67,19 +67,19 @@ def test_nobody_is_called_false_where_many_sets_fit_alike():
 
 def test_signals_that_agree_on_one_false_place_show_nothing():
     rng = np.random.default_rng(8)
-    records = with_vector_taps(rng)
+    records = draw_vector_taps(rng)
     (o,), (taps,) = records.observations, records.vector_taps
     design = compute_directions(o, records.navigation, taps.signals, VectorSqmSettings()).design
     offsets = equilibrium(
         satellite_geometry(design), design @ [0.3, -0.2, 0.1, 0.2], design @ [50.0, 80.0, 0.0, 0.0], 45
     )
-    (evidence,) = VectorSqm().examine(with_vector_taps(np.random.default_rng(8), *offsets))[0]
+    (evidence,) = VectorSqm().examine(draw_vector_taps(np.random.default_rng(8), *offsets))[0]
     assert evidence.says == "clean"
 
 
 def test_an_error_that_ranges_have_as_well_is_no_alarm():
     code_chips = np.random.default_rng(3).normal(0.0, 1.5 / 293.05, 8)  # 1.5 m
-    records = with_vector_taps(np.random.default_rng(9), code_chips, n=2000)
+    records = draw_vector_taps(np.random.default_rng(9), code_chips, n=2000)
     assert VectorSqm(VectorSqmSettings(multipath_sigma_m=1.5)).examine(records)[0][0].says == "clean"
     strict = VectorSqmSettings(multipath_sigma_m=0.0, ionosphere_share=0.0, false_alarm_probability=0.1)
     measured = replace(records.observations[0], pseudorange_sigma_m=1e-3 * records.observations[0].pseudorange_sigma_m)
@@ -87,14 +87,14 @@ def test_an_error_that_ranges_have_as_well_is_no_alarm():
 
 
 def test_channels_below_the_mask_are_not_tested():
-    records = with_vector_taps(np.random.default_rng(5))
+    records = draw_vector_taps(np.random.default_rng(5))
     (o,), (taps,) = records.observations, records.vector_taps
 
-    def tested(mask_deg):
+    def list_tested(mask_deg):
         settings = VectorSqmSettings(elevation_mask_deg=mask_deg)
         return np.isfinite(compute_directions(o, records.navigation, taps.signals, settings).lasting_chips)
 
-    every, high = tested(0.0), tested(25.0)
+    every, high = list_tested(0.0), list_tested(25.0)
     assert every.all()
     assert 4 <= high.sum() < every.sum()
     (evidence,) = VectorSqm(VectorSqmSettings(elevation_mask_deg=25.0)).examine(records)[0]
@@ -102,7 +102,7 @@ def test_channels_below_the_mask_are_not_tested():
 
 
 def test_without_the_right_taps_nothing_is_said():
-    records = with_vector_taps(np.random.default_rng(6))
+    records = draw_vector_taps(np.random.default_rng(6))
     (taps,) = records.vector_taps
     for changed, code in (
         (replace(taps, delays_chips=np.array([0.5, 0.1, -0.5])), "no_pair"),
@@ -115,7 +115,7 @@ def test_without_the_right_taps_nothing_is_said():
 
 
 def test_the_pair_nearest_to_half_a_chip_is_taken():
-    (taps,) = with_vector_taps(np.random.default_rng(6)).vector_taps
+    (taps,) = draw_vector_taps(np.random.default_rng(6)).vector_taps
     delays = np.array([0.125, 0.0, -0.125, 0.504, -0.504, 0.996, -0.996])
     several = replace(taps, delays_chips=delays, value=np.zeros((200, 8, 1, 7), np.complex64))
     assert select_pair(several) == (0.504, 3, 1, 4)

@@ -13,8 +13,8 @@ from skyproof.studies.inverse_raim_choice import clusters, complementary_pair, i
 UP_EAST = np.array([1.0, 0.0, 1.0]) * np.sqrt(0.5)
 
 
-def sky(rng, n):
-    """Unit vectors east, north, up, above 10 degrees, in a geometry that can be used."""
+def draw_sky(rng, n):
+    """Draw unit vectors east, north, up above 10 degrees, in a geometry that can be used."""
     while True:
         up, turn = rng.uniform(0.17, 1.0, n), rng.uniform(0.0, 2.0 * np.pi, n)
         across = np.sqrt(1.0 - up**2)
@@ -24,8 +24,8 @@ def sky(rng, n):
             return units
 
 
-def two_skies(rng, n, sigma_m, offset_m, *, late_m=0.0):
-    units = sky(rng, n)
+def draw_two_skies(rng, n, sigma_m, offset_m, *, late_m=0.0):
+    units = draw_sky(rng, n)
     misfit = sigma_m * rng.standard_normal((n, 2))
     misfit[:, 1] += late_m - offset_m * (units @ UP_EAST)
     return units, misfit
@@ -34,7 +34,7 @@ def two_skies(rng, n, sigma_m, offset_m, *, late_m=0.0):
 def test_parity_rows_are_orthonormal_and_blind_to_the_fix():
     rng = np.random.default_rng(1)
     for n in (5, 6, 12):
-        units = sky(rng, n)
+        units = draw_sky(rng, n)
         parity = parity_matrix(units)
         assert parity.shape == (n - 4, n)
         assert np.allclose(parity @ parity.T, np.eye(n - 4), atol=1e-12)
@@ -54,7 +54,7 @@ def test_parity_rows_are_orthonormal_and_blind_to_the_fix():
     ],
 )
 def test_thresholds_are_those_of_the_guide(n, rate, norm):
-    found = find_passing_sets(sky(np.random.default_rng(2), n), np.zeros((n, 1)), false_alarm_probability=rate)
+    found = find_passing_sets(draw_sky(np.random.default_rng(2), n), np.zeros((n, 1)), false_alarm_probability=rate)
     assert np.sqrt(found.threshold) == pytest.approx(norm, abs=0.006)
 
 
@@ -62,7 +62,7 @@ def test_thresholds_are_those_of_the_guide(n, rate, norm):
 @given(seed=st.integers(0, 10_000), n=st.integers(5, 7), most=st.integers(1, 3))
 def test_both_searches_match_least_squares_of_every_set(seed, n, most):
     rng = np.random.default_rng(seed)
-    units, sigma = sky(rng, n), rng.uniform(0.5, 3.0, n)
+    units, sigma = draw_sky(rng, n), rng.uniform(0.5, 3.0, n)
     misfit = rng.normal(0.0, 2.0, (n, most))
     counts = rng.integers(1, most + 1, n)
     misfit[np.arange(most) >= counts[:, None]] = np.nan
@@ -84,7 +84,7 @@ def test_both_searches_match_least_squares_of_every_set(seed, n, most):
 
 def test_both_searches_agree_on_all_531441_sets_of_twelve():
     rng = np.random.default_rng(3)
-    units = sky(rng, 12)
+    units = draw_sky(rng, 12)
     misfit = rng.normal(0.0, 30.0, (12, 3))
     misfit[:, 0] = rng.standard_normal(12)
     every, pruned = (find_passing_sets(units, misfit, 1.0, exhaustive=kind) for kind in (True, False))
@@ -95,7 +95,7 @@ def test_both_searches_agree_on_all_531441_sets_of_twelve():
 
 def test_passing_sets_beyond_the_room_are_all_reported():
     rng = np.random.default_rng(4)
-    units = sky(rng, 8)
+    units = draw_sky(rng, 8)
     misfit = 0.01 * rng.standard_normal((8, 3))
     found = find_passing_sets(units, misfit, 1.0)
     assert len(found.statistic) == 3**8 == len({tuple(row) for row in found.choice})
@@ -105,7 +105,8 @@ def test_passing_sets_beyond_the_room_are_all_reported():
 def test_a_true_set_fails_as_often_as_stated():
     rng = np.random.default_rng(5)
     fails = sum(
-        len(find_passing_sets(sky(rng, n), rng.standard_normal((n, 1)), false_alarm_probability=0.05).statistic) == 0
+        len(find_passing_sets(draw_sky(rng, n), rng.standard_normal((n, 1)), false_alarm_probability=0.05).statistic)
+        == 0
         for n in (5, 7, 9)
         for _ in range(1000)
     )
@@ -121,7 +122,7 @@ def test_the_two_pure_sets_pass_and_complement_each_other():
     rng = np.random.default_rng(6)
     right = 0
     for _ in range(100):
-        units, misfit = two_skies(rng, 8, 1.0, 300.0)
+        units, misfit = draw_two_skies(rng, 8, 1.0, 300.0)
         found = inverse_raim(units, misfit, 1.0)
         if found.pair is None or found.sets.choice[list(found.pair)].sum() != 8:
             continue  # a pure set failed its test, as one in a thousand does
@@ -138,7 +139,7 @@ def test_mixed_sets_pass_about_as_often_as_the_guide_counts():
     rng = np.random.default_rng(7)
     mixed = []
     for _ in range(300):
-        units, misfit = two_skies(rng, 8, 3.0, 30.0)
+        units, misfit = draw_two_skies(rng, 8, 3.0, 30.0)
         choice = inverse_raim(units, misfit, 3.0).sets.choice
         mixed.append(np.sum(~np.isin(choice.sum(axis=1), (0, 8))))
     assert 35.0 < np.mean(mixed) < 75.0  # guide: 47, in its own geometries
@@ -148,9 +149,9 @@ def test_an_attack_on_time_alone_is_reported():
     rng = np.random.default_rng(8)
     late, moved = [], []
     for _ in range(50):
-        units, misfit = two_skies(rng, 7, 1.0, 0.0, late_m=100.0)
+        units, misfit = draw_two_skies(rng, 7, 1.0, 0.0, late_m=100.0)
         late.append(inverse_raim(units, misfit, 1.0).timing_only)
-        units, misfit = two_skies(rng, 8, 1.0, 300.0)
+        units, misfit = draw_two_skies(rng, 8, 1.0, 300.0)
         moved.append(inverse_raim(units, misfit, 1.0).timing_only)
     assert np.mean(late) > 0.9
     assert not any(moved)
@@ -178,7 +179,7 @@ def test_complements_need_satellites_with_several_signals():
 def test_five_false_of_eight_are_found_and_four_never():
     rng = np.random.default_rng(9)
     for false, wanted in ((5, 5), (4, None)):
-        units, misfit = two_skies(rng, 8, 1.0, 300.0)
+        units, misfit = draw_two_skies(rng, 8, 1.0, 300.0)
         misfit[false:, 1] = np.nan
         found = find_second_subset(units, misfit, 1.0, np.zeros(8, np.int64))
         assert (None if found is None else len(found[0])) == wanted
@@ -186,7 +187,7 @@ def test_five_false_of_eight_are_found_and_four_never():
 
 def test_a_second_signal_off_the_set_stands_out_by_its_sigma():
     rng = np.random.default_rng(10)
-    units = sky(rng, 8)
+    units = draw_sky(rng, 8)
     values = np.concatenate(
         [innovations(units, rng.standard_normal((8, 2)), 1.0, np.zeros(8, np.int64))[:, 1] for _ in range(2000)]
     )

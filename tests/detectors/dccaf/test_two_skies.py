@@ -2,8 +2,8 @@
 
 import numpy as np
 from scipy import stats
-from tests.detectors.dccaf.test_inverse_raim import UP_EAST, sky
-from tests.detectors.dccaf.test_inverse_raim import two_skies as drawn
+from tests.detectors.dccaf.test_inverse_raim import UP_EAST, draw_sky
+from tests.detectors.dccaf.test_inverse_raim import draw_two_skies as drawn
 
 from skyproof.detectors.dccaf.two_skies import find_two_skies
 
@@ -16,12 +16,12 @@ def find_all(units, misfit_m, sigma_m=SIGMA_M):
 
 
 def exchange_signals(rng, misfit_m):
-    """Whichever of a satellite's signals comes first."""
+    """Exchange which of a satellite's signals comes first."""
     return np.where(rng.random((len(misfit_m), 1)) < 0.5, misfit_m, misfit_m[:, ::-1])
 
 
-def off_by(rng, n, offset_m, draws):
-    """Squared errors over stated ones (found, 2) of the true and the false sky."""
+def draw_squared_errors(rng, n, offset_m, draws):
+    """Draw squared errors over stated ones (found, 2) of the true and the false sky."""
     squares = []
     for _ in range(draws):
         units, misfit_m = drawn(rng, n, SIGMA_M, offset_m)
@@ -36,7 +36,7 @@ def off_by(rng, n, offset_m, draws):
 
 
 def test_distant_skies_are_found_with_the_stated_covariance():
-    squares = off_by(np.random.default_rng(1), 8, 150.0, 150)
+    squares = draw_squared_errors(np.random.default_rng(1), 8, 150.0, 150)
     assert len(squares) > 100
     low, high = stats.chi2.ppf([1e-3, 1.0 - 1e-3], 4 * squares.size)
     assert low < squares.sum() < high
@@ -45,7 +45,7 @@ def test_distant_skies_are_found_with_the_stated_covariance():
 
 def test_the_covariance_allows_for_exchanged_near_signals():
     # Some satellites' signals differ by less than their noise.
-    squares = off_by(np.random.default_rng(2), 8, 60.0, 300)
+    squares = draw_squared_errors(np.random.default_rng(2), 8, 60.0, 300)
     assert len(squares) > 30
     assert squares.sum() < stats.chi2.ppf(1.0 - 1e-3, 4 * squares.size)
     assert squares.max() < stats.chi2.isf(1e-3 / squares.size, 4)
@@ -55,7 +55,7 @@ def test_signals_that_belong_to_no_sky_make_none():
     # A sky, and another signal of each satellite anywhere within a chip: as rarely taken for a sky as asked.
     rng, count = np.random.default_rng(3), 0
     for _ in range(400):
-        units = sky(rng, 7)
+        units = draw_sky(rng, 7)
         misfit_m = np.stack([SIGMA_M * rng.standard_normal(7), rng.uniform(-380.0, 380.0, 7)], axis=1)
         count += find_all(units, exchange_signals(rng, misfit_m)) is not None
     assert count <= stats.binom.ppf(0.999, 400, MOST)

@@ -16,7 +16,7 @@ SCENE = MeasuredScene(
 )
 
 
-def windows(seed: int, *, alone: int, shift_m=(0.0, 0.0, 0.0), one_m: float = 0.0) -> list[Records]:
+def make_windows(seed: int, *, alone: int, shift_m=(0.0, 0.0, 0.0), one_m: float = 0.0) -> list[Records]:
     """Return a clean window, and one of so few satellites, others at each epoch, shifted or with one code off."""
     rng = np.random.default_rng(seed)
     drawn = SCENE.records(rng)
@@ -41,27 +41,27 @@ def examine(records: list[Records], **settings):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_few_satellites_of_a_clean_sky_fit(seed) -> None:
-    found = examine(windows(seed, alone=4), speed_max_m_s=0.0)
+    found = examine(make_windows(seed, alone=4), speed_max_m_s=0.0)
     assert found.says == "clean"
     assert found.p_value > 1e-4
 
 
 @pytest.mark.parametrize("alone", [3, 5])
 def test_a_shift_shows_by_three_satellites(alone) -> None:
-    found = examine(windows(1, alone=alone, shift_m=(400.0, 300.0, 0.0)), speed_max_m_s=0.0)
+    found = examine(make_windows(1, alone=alone, shift_m=(400.0, 300.0, 0.0)), speed_max_m_s=0.0)
     assert found.failed
     assert found.dated_gpst is not None
 
 
 def test_one_satellite_that_is_off_is_a_fault() -> None:
-    assert not examine(windows(2, alone=5, one_m=5000.0), speed_max_m_s=0.0).failed
+    assert not examine(make_windows(2, alone=5, one_m=5000.0), speed_max_m_s=0.0).failed
 
 
 def test_a_surveyed_place_needs_no_window_before() -> None:
-    first, second = windows(3, alone=4, shift_m=(400.0, 300.0, 0.0))
+    first, second = make_windows(3, alone=4, shift_m=(400.0, 300.0, 0.0))
     (sky,) = first.sets
     assert examine([second], positions_ecef_m={"rx1": sky.position_ecef_m}).failed
-    assert not examine([windows(3, alone=4)[1]], positions_ecef_m={"rx1": sky.position_ecef_m}).failed
+    assert not examine([make_windows(3, alone=4)[1]], positions_ecef_m={"rx1": sky.position_ecef_m}).failed
 
 
 @pytest.mark.parametrize(
@@ -70,4 +70,4 @@ def test_a_surveyed_place_needs_no_window_before() -> None:
 )
 def test_why_it_could_not_be_tested_is_said(settings, count, code) -> None:
     alone = 2 if code == "few_satellites" else 4
-    assert examine(windows(0, alone=alone)[:count], **settings).code == code
+    assert examine(make_windows(0, alone=alone)[:count], **settings).code == code

@@ -24,7 +24,7 @@ N = len(EXACT.signals)
 L5_HZ = 1176.45e6
 
 
-def sky(seed: int = 0, *, common_db: float = 0.3, fading_db: float = 1.0) -> np.ndarray:
+def draw_levels(seed: int = 0, *, common_db: float = 0.3, fading_db: float = 1.0) -> np.ndarray:
     """Return levels (n_epochs, n) of a clean sky: own levels by elevation, fading and a common wander by window."""
     rng = np.random.default_rng(seed)
     own_db = 36.0 + 14.0 * rng.random(N)
@@ -71,7 +71,7 @@ CELLS = (
 )
 
 
-def front_end(rise_db: float, *, share: bool = False, band: str = "L1") -> FrontEndLevels:
+def make_front_end(rise_db: float, *, share: bool = False, band: str = "L1") -> FrontEndLevels:
     """Return a gain that gives way at the onset, once a second."""
     rng = np.random.default_rng(3)
     n = EXACT.gpst.size
@@ -87,7 +87,7 @@ def front_end(rise_db: float, *, share: bool = False, band: str = "L1") -> Front
     )
 
 
-def falls(found: list) -> list:
+def select_falls(found: list) -> list:
     return [rise for e in found for rise in e.interference or ()]
 
 
@@ -97,28 +97,28 @@ def select_failed(found: list) -> list:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_clean_sky_neither_fails_nor_is_interfered(seed) -> None:
-    found = examine(sky(seed))
+    found = examine(draw_levels(seed))
     assert [e.code for e in found] == ["nothing_before"] + ["steady"] * (WINDOWS - 1)
-    assert not falls(found)
+    assert not select_falls(found)
     assert [e.p_value is None for e in found] == [True] + [False] * (WINDOWS - 1)
 
 
 def test_the_first_window_says_that_nothing_came_before() -> None:
-    assert examine(sky())[0].code == "nothing_before"
+    assert examine(draw_levels())[0].code == "nothing_before"
     assert examine(np.full((WINDOW * WINDOWS, N), np.nan))[-1].code == "no_levels"
 
 
 def test_three_satellites_of_a_kind_are_too_few() -> None:
-    levels_db = sky()
+    levels_db = draw_levels()
     levels_db[:, 3:] = np.nan
     assert {e.code for e in examine(levels_db)[1:]} == {"few_satellites"}
 
 
 @pytest.mark.parametrize("fall_db", [5.0, 12.0, 20.0])
 def test_noise_is_interference_since_its_first_epoch(fall_db) -> None:
-    found = examine(drop_levels(sky(), fall_db))
+    found = examine(drop_levels(draw_levels(), fall_db))
     assert not select_failed(found)
-    rises = falls(found)
+    rises = select_falls(found)
     assert {e.code for e in found if e.interference} == {"interfered"}
     assert len(rises) == WINDOWS - 8
     assert rises[0].from_gpst == EXACT.gpst[ONSET]
@@ -128,15 +128,15 @@ def test_noise_is_interference_since_its_first_epoch(fall_db) -> None:
 
 
 def test_interference_that_ends_is_no_rise_of_false_signals() -> None:
-    found = examine(drop_levels(sky(), 12.0, epochs=slice(ONSET, 112)))
+    found = examine(drop_levels(draw_levels(), 12.0, epochs=slice(ONSET, 112)))
     assert not select_failed(found)
-    assert falls(found)[-1].to_gpst == EXACT.gpst[111]
+    assert select_falls(found)[-1].to_gpst == EXACT.gpst[111]
 
 
 def test_lost_signals_fell_at_least_to_the_floor() -> None:
-    levels_db = sky()
+    levels_db = draw_levels()
     found = examine(drop_levels(levels_db, 30.0))
-    (first, *_) = falls(found)
+    (first, *_) = select_falls(found)
     assert first.signs == ("cn0", "lost")
     assert first.from_gpst == EXACT.gpst[ONSET]
     assert 2 * first.lost > N
@@ -147,9 +147,9 @@ def test_lost_signals_fell_at_least_to_the_floor() -> None:
 @pytest.mark.parametrize("fall_db", [12.0, 30.0])
 @pytest.mark.parametrize("first", [ONSET, 97], ids=["within a window", "over two"])
 def test_interference_of_four_seconds_is_reported(first, fall_db) -> None:
-    found = examine(drop_levels(sky(), fall_db, epochs=slice(first, first + 4)))
+    found = examine(drop_levels(draw_levels(), fall_db, epochs=slice(first, first + 4)))
     assert not select_failed(found)
-    rises = falls(found)
+    rises = select_falls(found)
     assert rises
     assert (rises[0].from_gpst, rises[-1].to_gpst) == (EXACT.gpst[first], EXACT.gpst[first + 3])
     assert 6.0 < max(rise.fall_db for rise in rises) <= fall_db + 2.0
@@ -163,27 +163,29 @@ def test_parts_of_windows_fall_at_the_rate_that_is_asked() -> None:
         parts_db = rng.standard_normal((WINDOWS * 5, N))
         for k in range(1, len(parts_db)):
             parts_db[k] = 0.5 * parts_db[k - 1] + np.sqrt(0.75) * parts_db[k]
-        found = examine(sky(seed, fading_db=1.5) + np.repeat(1.3 * parts_db, 2, axis=0), interference_probability=asked)
+        found = examine(
+            draw_levels(seed, fading_db=1.5) + np.repeat(1.3 * parts_db, 2, axis=0), interference_probability=asked
+        )
         n_windows += WINDOWS
-        reported += len(falls(found))
+        reported += len(select_falls(found))
     assert stats.binomtest(reported, n_windows, asked, alternative="greater").pvalue > 1e-4
 
 
 def test_one_satellite_in_shade_is_neither() -> None:
-    levels_db = sky()
+    levels_db = draw_levels()
     levels_db[ONSET:, 1] -= 18.0
     found = examine(levels_db)
     assert not select_failed(found)
-    assert not falls(found)
+    assert not select_falls(found)
 
 
 @pytest.mark.parametrize("share", [False, True])
 def test_interference_from_the_start_shows_when_it_ends(share) -> None:
     # Noise that is there from the first epoch on, and leaves: C/N0 rises and less power comes in.
-    jammed_db = drop_levels(sky(), 10.0, epochs=slice(0, ONSET))
-    found = examine(jammed_db, chains=front_end(-11.0, share=share))
+    jammed_db = drop_levels(draw_levels(), 10.0, epochs=slice(0, ONSET))
+    found = examine(jammed_db, chains=make_front_end(-11.0, share=share))
     assert not select_failed(found)
-    (rise,) = falls(found)
+    (rise,) = select_falls(found)
     assert (rise.from_gpst, rise.to_gpst) == (EXACT.gpst[0], EXACT.gpst[ONSET - 1])
     assert rise.fall_db == pytest.approx(10.0, abs=1.5)
     assert (rise.signs, rise.may_be_shade) == (("cn0", "level"), False)
@@ -191,18 +193,18 @@ def test_interference_from_the_start_shows_when_it_ends(share) -> None:
 
 
 def test_signals_that_rise_at_the_level_of_before_still_fail() -> None:
-    jammed_db = drop_levels(sky(), 10.0, epochs=slice(0, ONSET))
+    jammed_db = drop_levels(draw_levels(), 10.0, epochs=slice(0, ONSET))
     assert select_failed(examine(jammed_db))
-    assert select_failed(examine(jammed_db, chains=front_end(0.0)))
-    assert not falls(examine(jammed_db, chains=front_end(0.0)))
+    assert select_failed(examine(jammed_db, chains=make_front_end(0.0)))
+    assert not select_falls(examine(jammed_db, chains=make_front_end(0.0)))
 
 
 @pytest.mark.parametrize("shared_db", [-14.0, 0.0])
 def test_weak_signals_from_the_start_are_told_and_not_accused(shared_db) -> None:
     # A jammer, a roof and a poor antenna scale C/N0 of all alike: it is said that it is open which.
-    found = examine(sky() + shared_db)
+    found = examine(draw_levels() + shared_db)
     assert not select_failed(found)
-    assert not falls(found)
+    assert not select_falls(found)
     weak = [start for e in found for start in e.weak_start]
     assert len(weak) == (shared_db < 0.0)
     if weak:
@@ -212,34 +214,36 @@ def test_weak_signals_from_the_start_are_told_and_not_accused(shared_db) -> None
 
 
 def test_shade_is_named_unless_something_excludes_it() -> None:
-    dark = drop_levels(sky(), 10.0)
-    assert falls(examine(dark))[0].may_be_shade
-    assert not falls(examine(dark, speed_max_m_s=0.0))[0].may_be_shade
-    assert not falls(examine(dark, chains=front_end(10.0)))[0].may_be_shade
-    assert not falls(examine(dark, second_db=sky(1)))[0].may_be_shade
-    assert falls(examine(dark, second_db=drop_levels(sky(1), 10.0)))[0].may_be_shade
+    dark = drop_levels(draw_levels(), 10.0)
+    assert select_falls(examine(dark))[0].may_be_shade
+    assert not select_falls(examine(dark, speed_max_m_s=0.0))[0].may_be_shade
+    assert not select_falls(examine(dark, chains=make_front_end(10.0)))[0].may_be_shade
+    assert not select_falls(examine(dark, second_db=draw_levels(1)))[0].may_be_shade
+    assert select_falls(examine(dark, second_db=drop_levels(draw_levels(1), 10.0)))[0].may_be_shade
 
 
 def test_the_level_of_the_front_end_says_how_much_came_in() -> None:
-    rises = falls(examine(drop_levels(sky(), 10.0), chains=front_end(11.0)))
+    rises = select_falls(examine(drop_levels(draw_levels(), 10.0), chains=make_front_end(11.0)))
     assert rises[-1].signs == ("cn0", "level")
     assert rises[-1].level_db == pytest.approx(11.0, abs=0.5)
-    unknown = falls(examine(drop_levels(sky(), 10.0), chains=front_end(11.0, share=True)))
+    unknown = select_falls(examine(drop_levels(draw_levels(), 10.0), chains=make_front_end(11.0, share=True)))
     assert unknown[-1].signs == ("cn0", "level")
     assert unknown[-1].level_db is None
 
 
 def test_power_that_weakens_no_signal_is_suspect() -> None:
-    first, *_ = select_failed(examine(sky(), chains=front_end(12.0)))
+    first, *_ = select_failed(examine(draw_levels(), chains=make_front_end(12.0)))
     assert (first.code, first.says, first.overrules) == ("odd", "undecided", False)
     assert (first.data["test"], first.data["chain"]) == ("level", "L1")
     assert first.data["rise_db"] == pytest.approx(12.0, abs=6.0)
     assert first.may_also_be == (Cause.GAIN, Cause.INTERFERENCE)
-    assert not select_failed(examine(sky(), chains=front_end(12.0, band="L5")))  # no signal is received there
+    assert not select_failed(
+        examine(draw_levels(), chains=make_front_end(12.0, band="L5"))
+    )  # no signal is received there
 
 
 def test_signals_that_get_stronger_together_are_suspect() -> None:
-    first, *_ = select_failed(examine(drop_levels(sky(), -8.0)))
+    first, *_ = select_failed(examine(drop_levels(draw_levels(), -8.0)))
     assert first.dated_gpst == EXACT.gpst[ONSET]
     assert first.statistic == pytest.approx(8.0, abs=1.5)
     assert (first.data["test"], first.data["unit"]) == ("rise", ("G", "L1", "CA"))
@@ -247,7 +251,7 @@ def test_signals_that_get_stronger_together_are_suspect() -> None:
 
 
 def test_satellites_of_equal_power_are_suspect() -> None:
-    levels_db = sky(2)
+    levels_db = draw_levels(2)
     noise_db = 0.3 * np.random.default_rng(5).standard_normal(levels_db[ONSET:].shape)
     levels_db[ONSET:] = levels_db[:ONSET].mean() + noise_db
     first, *_ = select_failed(examine(levels_db, false_alarm_probability=1e-4))
@@ -257,7 +261,7 @@ def test_satellites_of_equal_power_are_suspect() -> None:
 
 
 def test_signals_stronger_than_any_from_space_are_suspect() -> None:
-    loud = sky()
+    loud = draw_levels()
     loud[:, 3] = GPS_L1_CA.strongest_dbw + POLICY.most_cn0_over_power_db + 4.0
     first, *_ = select_failed(examine(loud))
     assert [ref.signal for ref in first.signals] == [EXACT.signals[3]]
@@ -268,14 +272,14 @@ def test_signals_stronger_than_any_from_space_are_suspect() -> None:
 @pytest.mark.parametrize(("code", "over_db", "says"), [("CA", 4.0, 1), ("Q", 4.0, 0), ("Q", 9.0, 1)])
 def test_what_is_too_strong_is_asked_of_the_signals_plan(code: str, over_db: float, says: int) -> None:
     # L5 may arrive 5 dB stronger than C/A (IS-GPS-705J, IS-GPS-200N, 6.3.1).
-    loud_db = np.full_like(sky(), GPS_L1_CA.strongest_dbw + POLICY.most_cn0_over_power_db + over_db)
-    found = examine(loud_db) if code == "CA" else examine(sky(), second_db=loud_db)
+    loud_db = np.full_like(draw_levels(), GPS_L1_CA.strongest_dbw + POLICY.most_cn0_over_power_db + over_db)
+    found = examine(loud_db) if code == "CA" else examine(draw_levels(), second_db=loud_db)
     assert any(f.data.get("test") == "strong" for f in select_failed(found)) == bool(says)
 
 
 @pytest.mark.parametrize(("over_db", "fails"), [(1.0, False), (4.0, True)])
 def test_a_reading_over_the_bound_has_its_chance(over_db: float, fails: bool) -> None:
-    loud = sky()
+    loud = draw_levels()
     loud[:, 3] = GPS_L1_CA.strongest_dbw + POLICY.most_cn0_over_power_db + over_db
     found = examine(loud)[1:]
     assert bool(select_failed(found)) == fails
@@ -286,8 +290,8 @@ def test_interference_is_told_where_no_kind_has_enough_signals() -> None:
     # Three satellites of each system share a carrier that all of them fall on.
     kinds = (("G", "L1", "CA"), ("E", "E1", "C"), ("C", "B1C", "1P"), ("J", "L1", "CA"), ("I", "L1", "D"))
     few = tuple(SignalId(f"{kinds[k // 3][0]}{k + 1:02d}", *kinds[k // 3][1:]) for k in range(N))
-    found = examine(drop_levels(sky(), 12.0), signals=few)
-    assert falls(found)[0].carrier == "L1"
+    found = examine(drop_levels(draw_levels(), 12.0), signals=few)
+    assert select_falls(found)[0].carrier == "L1"
     assert [e.p_value for e in found] == [None] * WINDOWS
     assert {e.code for e in found} == {"nothing_before", "few_satellites", "interfered"}
 
@@ -296,21 +300,21 @@ def test_falls_are_reported_at_the_rate_that_is_asked() -> None:
     # Draw clean skies of the stated law: a union bound of two tests keeps the rate, and half of it is left.
     asked, n_windows, reported = 0.1, 0, 0
     for seed in range(60):
-        found = examine(sky(seed, common_db=0.5, fading_db=2.0), interference_probability=asked)
+        found = examine(draw_levels(seed, common_db=0.5, fading_db=2.0), interference_probability=asked)
         n_windows += WINDOWS - 1
-        reported += len(falls(found))
+        reported += len(select_falls(found))
     assert stats.binomtest(reported, n_windows, asked, alternative="greater").pvalue > 1e-4
     assert reported > 0.2 * asked * n_windows
 
 
 def test_pieces_give_what_the_whole_gives() -> None:
-    levels_db = drop_levels(sky(), 9.0)
+    levels_db = drop_levels(draw_levels(), 9.0)
     assert [e.p_value for e in examine(levels_db)] == [e.p_value for e in examine(levels_db.copy())]
 
 
 def test_own_levels_follow_elevation_and_no_noise() -> None:
     drift_db = 3.0 * np.arange(WINDOW * WINDOWS)[:, None] / (WINDOW * WINDOWS) * np.linspace(-1.0, 1.0, N)
-    found = examine(drop_levels(sky() + drift_db, 12.0, epochs=slice(ONSET, 121)))
+    found = examine(drop_levels(draw_levels() + drift_db, 12.0, epochs=slice(ONSET, 121)))
     assert not select_failed(found)
     assert [bool(e.interference) for e in found] == [False] * 8 + [True] * 5 + [False]
 

@@ -15,7 +15,7 @@ from skyproof.detectors.levels.laws import (
 from skyproof.detectors.levels.policy import POLICY
 
 
-def uniform(p_values) -> bool:
+def assert_uniform(p_values) -> bool:
     return stats.kstest(p_values, "uniform").pvalue > 1e-3
 
 
@@ -46,7 +46,7 @@ def test_a_scale_of_its_own_past_keeps_the_rate(earlier) -> None:
         for _ in range(earlier):
             scale = scale.after(sigma * rng.standard_normal())
         p_values.append(scale.above(sigma * rng.standard_normal()))
-    assert uniform(p_values)
+    assert assert_uniform(p_values)
     assert stats.binomtest(int(np.sum(np.array(p_values) < 0.01)), 2000, 0.01).pvalue > 1e-3
 
 

@@ -21,14 +21,14 @@ def clean() -> Records:
     return SCENE.records(np.random.default_rng(0))
 
 
-def sent(records: Records, count: int, **changes) -> tuple[Ephemeris, ...]:
+def send(records: Records, count: int, **changes) -> tuple[Ephemeris, ...]:
     """Return the data sets of so many satellites that are received, with clocks late or fields changed."""
     sats = {signal.sat for signal in records.observations[0].signals}
     received = [e for e in records.navigation.ephemerides if e.sat in sats]
     return tuple(replace(e, **{name: change(e) for name, change in changes.items()}) for e in received[:count])
 
 
-def with_messages(records: Records, ephemerides=(), mistimed=(), utc=()) -> Records:
+def add_messages(records: Records, ephemerides=(), mistimed=(), utc=()) -> Records:
     start = records.start_gpst
     messages = ReceivedMessages(
         gpst=np.full(len(ephemerides), start, "M8[ns]"),
@@ -55,17 +55,17 @@ def examine_all(window: Records):
 def test_a_clean_sky_has_no_odd_satellite() -> None:
     records = clean()
     assert examine(records).statistic == 0.0
-    assert examine(with_messages(records, sent(records, 9))).statistic == 0.0
+    assert examine(add_messages(records, send(records, 9))).statistic == 0.0
 
 
-def late(e: Ephemeris) -> float:
+def make_late(e: Ephemeris) -> float:
     return e.af0 + 300.0 / SPEED_OF_LIGHT_M_S
 
 
 @pytest.mark.parametrize(("count", "failed"), [(1, False), (2, False), (6, True)])
 def test_other_clocks_under_one_issue_of_data_are_odd(count, failed) -> None:
     records = clean()
-    found = examine(with_messages(records, sent(records, count, af0=late)))
+    found = examine(add_messages(records, send(records, count, af0=make_late)))
     assert found.statistic == count
     assert (found.failed, found.overrules, found.code) == (failed, failed, "odd" if failed else "expected")
     assert found.says == ("undecided" if failed else "clean")
@@ -73,7 +73,7 @@ def test_other_clocks_under_one_issue_of_data_are_odd(count, failed) -> None:
     assert found.data.get("how") == ("issue_repeated" if failed else None)
 
 
-def hours(count: float):
+def shift_hours(count: float):
     """Return changes of the times of a data set by so many hours."""
     return {name: lambda e, name=name: getattr(e, name) + 3600.0 * count for name in ("toe", "toc")}
 
@@ -82,7 +82,7 @@ def hours(count: float):
 def test_data_sets_that_do_not_serve_when_they_come_are_odd(off_h, failed) -> None:
     records = clean()
     alone = replace(records, navigation=replace(records.navigation, ephemerides=records.navigation.ephemerides[:1]))
-    found = examine(with_messages(alone, sent(records, 6, **hours(off_h))))
+    found = examine(add_messages(alone, send(records, 6, **shift_hours(off_h))))
     assert found.failed == failed
     if failed:
         assert (found.data["how"], round(found.data["amount"] + off_h)) == ("other_time", 0)
@@ -93,8 +93,8 @@ def test_messages_that_go_back_to_earlier_ones_are_odd(count, failed) -> None:
     records = clean()
     alone = replace(records, navigation=replace(records.navigation, ephemerides=()))
     ill = {"health": lambda e: 63}  # such ones are not held against others
-    later = with_messages(alone, sent(records, 9, **hours(0.5), **ill))
-    found = examine(later, with_messages(alone, sent(records, count, **ill)))
+    later = add_messages(alone, send(records, 9, **shift_hours(0.5), **ill))
+    found = examine(later, add_messages(alone, send(records, count, **ill)))
     assert found.statistic == count
     assert found.failed == failed
 
@@ -106,16 +106,16 @@ def test_uploads_heard_one_after_the_other_are_no_step_back() -> None:
     two = replace(two, navigation=replace(records.navigation, ephemerides=()))
     ill = {"health": lambda e: 63}  # such ones are not held against others
     first, second = (
-        with_messages(two, sets).messages["rx1"]
-        for sets in (sent(records, 6, **hours(0.5), **ill), sent(records, 6, **ill))
+        add_messages(two, sets).messages["rx1"]
+        for sets in (send(records, 6, **shift_hours(0.5), **ill), send(records, 6, **ill))
     )
     assert not examine_all(replace(two, messages={"rx1": first, "rx2": second}))[1].failed
 
 
 def test_a_later_issue_that_contradicts_is_odd() -> None:
     records = clean()
-    later = sent(records, 6, af0=late, toe=lambda e: e.toe + 3600.0, toc=lambda e: e.toc + 3600.0)
-    found = examine(with_messages(records, later))
+    later = send(records, 6, af0=make_late, toe=lambda e: e.toe + 3600.0, toc=lambda e: e.toc + 3600.0)
+    found = examine(add_messages(records, later))
     assert (found.failed, found.data["how"]) == (True, "other_orbit")
     assert found.data["amount"] > 300.0  # metres: the clock, and an orbit of another hour
 
@@ -123,8 +123,8 @@ def test_a_later_issue_that_contradicts_is_odd() -> None:
 def test_messages_of_earlier_windows_are_remembered() -> None:
     records = clean()
     unknown = replace(records, navigation=replace(records.navigation, ephemerides=records.navigation.ephemerides[:1]))
-    first = with_messages(unknown, sent(records, 6))
-    second = with_messages(unknown, sent(records, 6, af0=late))
+    first = add_messages(unknown, send(records, 6))
+    second = add_messages(unknown, send(records, 6, af0=make_late))
     assert not examine(first).failed
     assert examine(first, second).failed
 
@@ -132,8 +132,8 @@ def test_messages_of_earlier_windows_are_remembered() -> None:
 def test_another_time_of_week_is_odd() -> None:
     records = clean()
     sats = sorted({signal.sat for signal in records.observations[0].signals})
-    assert not examine(with_messages(records, mistimed=sats[:1])).failed
-    found = examine(with_messages(records, mistimed=sats[:6]))
+    assert not examine(add_messages(records, mistimed=sats[:1])).failed
+    found = examine(add_messages(records, mistimed=sats[:6]))
     assert (found.failed, found.data["how"], found.data["odd"]) == (True, "mistimed", tuple(sats[:6]))
 
 
@@ -145,7 +145,7 @@ def test_satellites_below_the_horizon_are_odd() -> None:
     assert (found.failed, found.data["how"]) == (True, "below_horizon")
 
 
-def of_yesterday(records: Records, hours: float = 24.0) -> Records:
+def use_old_file(records: Records, hours: float = 24.0) -> Records:
     """Return the window with the navigation file of so many hours before."""
     before = tuple(hours_later(e, -hours) for e in records.navigation.ephemerides)
     return replace(records, navigation=replace(records.navigation, ephemerides=before))
@@ -153,7 +153,7 @@ def of_yesterday(records: Records, hours: float = 24.0) -> Records:
 
 def test_messages_that_go_on_from_yesterdays_file_are_expected() -> None:
     records = clean()
-    today, of_day = examine_all(with_messages(of_yesterday(records), sent(records, 9)))
+    today, of_day = examine_all(add_messages(use_old_file(records), send(records, 9)))
     assert (today.code, of_day.code, of_day.statistic) == ("expected", "of_day_expected", 0.0)
     assert (of_day.data["satellites"], of_day.p[Cause.CLEAN]) == (9, 1.0)
 
@@ -161,8 +161,8 @@ def test_messages_that_go_on_from_yesterdays_file_are_expected() -> None:
 @pytest.mark.parametrize(("count", "failed"), [(2, False), (6, True)])
 def test_clocks_that_leave_yesterdays_file_are_odd(count, failed) -> None:
     records = clean()
-    changed = sent(records, count, af0=late) + sent(records, 9)[count:]
-    today, of_day = examine_all(with_messages(of_yesterday(records, 12.0), changed))
+    changed = send(records, count, af0=make_late) + send(records, 9)[count:]
+    today, of_day = examine_all(add_messages(use_old_file(records, 12.0), changed))
     assert not today.failed
     assert (of_day.failed, of_day.statistic, of_day.says) == (failed, count, "undecided" if failed else "clean")
     assert of_day.data.get("how") == ("clock_of_day" if failed else None)
@@ -173,13 +173,13 @@ def test_clocks_that_leave_yesterdays_file_are_odd(count, failed) -> None:
 
 def test_yesterdays_messages_with_todays_times_are_odd() -> None:
     records = clean()
-    yesterday = of_yesterday(records)
-    again = sent(yesterday, 9, **{name: lambda e, name=name: 86_400.0 + getattr(e, name) for name in ("toe", "toc")})
-    _, of_day = examine_all(with_messages(yesterday, again))
+    yesterday = use_old_file(records)
+    again = send(yesterday, 9, **{name: lambda e, name=name: 86_400.0 + getattr(e, name) for name in ("toe", "toc")})
+    _, of_day = examine_all(add_messages(yesterday, again))
     assert (of_day.failed, of_day.data["how"], of_day.statistic) == (True, "orbit_of_day", 9.0)
 
 
-def saying(records: Records, count: int, leap_seconds: int, system: str = "G") -> list[UtcStatement]:
+def state_utc(records: Records, count: int, leap_seconds: int, system: str = "G") -> list[UtcStatement]:
     """Return what so many satellites say of UTC."""
     names = sorted({signal.sat for signal in records.observations[0].signals})[:count]
     utc = UtcParameters(a0=0.0, a1=0.0, tot=0.0, wnt=2190, leap_seconds=leap_seconds)
@@ -190,7 +190,7 @@ def saying(records: Records, count: int, leap_seconds: int, system: str = "G") -
 @pytest.mark.parametrize(("count", "leaps", "failed"), [(9, 18, False), (2, 17, False), (6, 17, True)])
 def test_satellites_that_say_other_leap_seconds_are_odd(count, leaps, failed) -> None:
     records = clean()
-    found = examine(with_messages(records, utc=saying(records, count, leaps)))
+    found = examine(add_messages(records, utc=state_utc(records, count, leaps)))
     assert (found.failed, found.statistic) == (failed, count if leaps != 18 else 0.0)
     if failed:
         assert (found.data["how"], found.data["amount"]) == ("utc", -1.0)
@@ -200,8 +200,8 @@ def test_a_systems_majority_counts_beyond_the_table() -> None:
     # What was said in earlier windows is remembered; another system has its own.
     records = replace(clean(), start_gpst=np.datetime64("2031-05-14T10:00:00", "ns"))
     records = replace(records, navigation=replace(records.navigation, utc=None))
-    first = with_messages(records, utc=saying(records, 9, 19)[2:] + saying(records, 2, 18, "E"))
-    second = with_messages(records, utc=saying(records, 2, 18))
+    first = add_messages(records, utc=state_utc(records, 9, 19)[2:] + state_utc(records, 2, 18, "E"))
+    second = add_messages(records, utc=state_utc(records, 2, 18))
     assert examine(first).statistic == 0.0
     assert examine(first, second).statistic == 2.0
 
@@ -209,12 +209,12 @@ def test_a_systems_majority_counts_beyond_the_table() -> None:
 def test_a_risen_satellite_is_checked_against_its_own_past() -> None:
     # Without a file, when the orbits are those of the log itself.
     records = clean()
-    again = tuple(hours_later(e, 7.0) for e in sent(records, 9))
-    moved = tuple(replace(e, af0=late(e)) for e in again)
+    again = tuple(hours_later(e, 7.0) for e in send(records, 9))
+    moved = tuple(replace(e, af0=make_late(e)) for e in again)
     for sets, failed in ((again, False), (moved, True)):
-        of_log = replace(records, navigation=replace(records.navigation, ephemerides=(*sent(records, 9), *sets)))
-        seen = with_messages(of_log, sent(records, 9))
+        of_log = replace(records, navigation=replace(records.navigation, ephemerides=(*send(records, 9), *sets)))
+        seen = add_messages(of_log, send(records, 9))
         since = replace(of_log, start_gpst=of_log.start_gpst + np.timedelta64(7, "h"))
         detector = BroadcastMessages(BroadcastMessagesSettings(false_alarm_probability=RATE))
-        _, of_day = detector.examine(with_messages(since, sets), detector.examine(seen)[1])[0]
+        _, of_day = detector.examine(add_messages(since, sets), detector.examine(seen)[1])[0]
         assert (of_day.failed, of_day.data["satellites"]) == (failed, 9)

@@ -27,7 +27,7 @@ SUN_M3_S2, SUN_M = 1.3271e20, 1.471e11
 EARTH_M, J2 = 6.378137e6, 1.0826e-3
 
 
-def later(hours: float):
+def shift_time(hours: float):
     return hours_later(SENT, hours)
 
 
@@ -57,7 +57,7 @@ def test_an_orbit_under_moon_and_sun_stays_within_the_bound(moon_rad: float) -> 
     at_s = np.arange(-7200.0, 86_401.0, 900.0)
     labels = SENT.reference_gpst + timedelta_from_s(at_s)
     fixed = compute_satellite_state(SENT, labels).position_ecef_m[[0, 1]]
-    turn = [rotation(t) for t in at_s]
+    turn = [make_rotation(t) for t in at_s]
     first, second = turn[0].T @ fixed[0], turn[1].T @ fixed[1]
     normal = np.cross(first, second)
     speed_m_s = math.sqrt(1.01 * MU_M3_S2 / np.linalg.norm(first))  # at perigee
@@ -86,14 +86,14 @@ def test_an_orbit_under_moon_and_sun_stays_within_the_bound(moon_rad: float) -> 
     assert range_m.max() > 0.05 * bound_m.max()  # the bound is of that size
 
 
-def rotation(since_s: float) -> np.ndarray:
+def make_rotation(since_s: float) -> np.ndarray:
     """Return what turns places that do not turn with the Earth into those that do."""
     c, s = math.cos(EARTH_ROTATION_RAD_S * since_s), math.sin(EARTH_ROTATION_RAD_S * since_s)
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def test_a_set_that_serves_later_is_the_same_orbit() -> None:
-    found = difference_over_hours(later(12.0), SENT)
+    found = difference_over_hours(shift_time(12.0), SENT)
     assert found.chance == 1.0
     assert found.amount_m < 1e-3
 
@@ -101,7 +101,7 @@ def test_a_set_that_serves_later_is_the_same_orbit() -> None:
 @pytest.mark.parametrize(("late_m", "is_found"), [(20.0, False), (400.0, True)])
 @pytest.mark.parametrize("hours", [3.0, 24.0])
 def test_a_clock_goes_as_far_as_a_rubidium_standard(hours: float, late_m: float, is_found: bool) -> None:
-    e = later(hours)
+    e = shift_time(hours)
     found = difference_over_hours(replace(e, af0=e.af0 + late_m / SPEED_OF_LIGHT_M_S), SENT)
     assert (found.what, round(found.amount_m)) == ("clock", round(late_m))
     assert (found.chance < 1e-4) == is_found
@@ -109,20 +109,20 @@ def test_a_clock_goes_as_far_as_a_rubidium_standard(hours: float, late_m: float,
 
 def test_yesterdays_orbit_with_todays_times_is_far_beyond() -> None:
     # Four minutes of the sidereal day are 930 km along the orbit.
-    found = difference_over_hours(replace(SENT, week=later(24.0).week, toe=later(24.0).toe), SENT)
+    found = difference_over_hours(replace(SENT, week=shift_time(24.0).week, toe=shift_time(24.0).toe), SENT)
     assert (found.what, found.chance) == ("orbit", 0.0)
     assert found.amount_m > 50.0 * orbit_bound_m(SENT.sqrt_a, 86_400.0)
 
 
 def test_what_no_accuracy_is_stated_of_is_not_compared() -> None:
-    assert difference_over_hours(replace(later(12.0), ura_index=15), SENT) is None
+    assert difference_over_hours(replace(shift_time(12.0), ura_index=15), SENT) is None
 
 
 @pytest.mark.parametrize(("hours", "is_compared"), [(1.0, False), (3.0, True), (26.0, True), (27.0, False)])
 def test_sets_of_one_day_are_compared(hours: float, is_compared: bool) -> None:
-    assert is_of_last_day(later(hours), SENT) == is_compared
-    assert not is_of_last_day(replace(later(hours), sqrt_a=6493.4), SENT)
-    assert not is_of_last_day(replace(later(hours), message="CNAV"), SENT)
+    assert is_of_last_day(shift_time(hours), SENT) == is_compared
+    assert not is_of_last_day(replace(shift_time(hours), sqrt_a=6493.4), SENT)
+    assert not is_of_last_day(replace(shift_time(hours), message="CNAV"), SENT)
 
 
 def test_the_clocks_deviation_grows_with_time() -> None:

@@ -17,8 +17,8 @@ NEAR = FalseSky(antenna_enu_m=(400.0, 300.0, 10.0), delay_m=600.0)
 FAR = FalseSky(antenna_enu_m=(-300.0, 500.0, 10.0), delay_m=600.0)
 
 
-def records(imitated, *, over_db=9.0, receivers=2, late_m=None):
-    """A true sky of ten satellites; of the antennas NEAR and FAR the satellites of these numbers, as second signals."""
+def make_records(imitated, *, over_db=9.0, receivers=2, late_m=None):
+    """Make a true sky of ten satellites with second signals of these satellites at the antennas NEAR and FAR."""
     antennas = dict(list(PLACES.items())[:receivers])
     made = MeasuredScene(
         antennas_enu_m=antennas, false=(NEAR, FAR), epochs=8, errors=TrackErrors(0.5), max_satellites=10
@@ -47,23 +47,23 @@ def examine_all(made, **given):
     return [e for e in evidence if e.says == "spoofed"], [e for e in evidence if e.says == "authentic"]
 
 
-def subjects(evidence):
+def list_subjects(evidence):
     return sorted(sorted({ref.signal.sat for ref in e.signals}) for e in evidence)
 
 
 @pytest.mark.parametrize("receivers", [2, 3])
 def test_few_signals_are_named_by_the_antenna_they_come_from(receivers):
-    made, sats = records(([0, 2], [4, 7]), receivers=receivers)
+    made, sats = make_records(([0, 2], [4, 7]), receivers=receivers)
     spoofed, authentic = examine_all(made)
     assert len(authentic) == 1
-    assert subjects(spoofed) == sorted([sorted([sats[0], sats[2]]), sorted([sats[4], sats[7]])])
+    assert list_subjects(spoofed) == sorted([sorted([sats[0], sats[2]]), sorted([sats[4], sats[7]])])
     assert all({ref.receiver for ref in e.signals} == set(list(PLACES)[:receivers]) for e in spoofed)
     assert not any(e.whole_sky for e in spoofed)
     assert {e.code for e in spoofed} == {"unlike_echoes_of_one_antenna"}
 
 
 def test_one_odd_signal_is_not_named():
-    made, _ = records(([0], []))
+    made, _ = make_records(([0], []))
     spoofed, authentic = examine_all(made)
     assert spoofed == []
     assert len(authentic) == 1
@@ -72,7 +72,7 @@ def test_one_odd_signal_is_not_named():
 @pytest.mark.parametrize("known_p", [None, 1e-9])
 def test_false_signals_take_the_p_value_of_their_attack(known_p):
     # One odd signal proves nothing alone, and is named beside others that are false: its own test has no small p.
-    made, sats = records(([0], []))
+    made, sats = make_records(([0], []))
     sky = pair_up(made, made.sets, MultiReceiverSettings().noise(1), min_satellites=5)
     rates = Rates(alarm=1e-6, mistaken=0.01, multipath_sigma_m=1.0, unrelated_spread_m=300.0)
     named = {} if known_p is None else {SignalRef("rx1", SignalId("G99", copy="b")): known_p}
@@ -82,18 +82,18 @@ def test_false_signals_take_the_p_value_of_their_attack(known_p):
 
 
 def test_signals_as_late_and_weak_as_echoes_are_not_named():
-    made, _ = records(([0, 2, 5], [4]), over_db=-10.0, late_m=500.0)
+    made, _ = make_records(([0, 2, 5], [4]), over_db=-10.0, late_m=500.0)
     assert examine_all(made)[0] == []
 
 
 def test_early_signals_are_named_however_weak():
-    made, sats = records(([0, 2, 5], [4]), over_db=-8.0, late_m=-700.0)
+    made, sats = make_records(([0, 2, 5], [4]), over_db=-8.0, late_m=-700.0)
     spoofed, _ = examine_all(made)
     assert {ref.signal.sat for e in spoofed for ref in e.signals} == {sats[k] for k in (0, 2, 4, 5)}
 
 
 def move_ranges(made, by_m):
-    """With the only signals of some satellites moved in each receiver: (receiver, column) and metres, (epochs,)."""
+    """Move the only signals of some satellites in each receiver: (receiver, column) and metres, (epochs,)."""
     observations = []
     for o in made.observations:
         code_m = o.pseudorange_m.copy()
@@ -111,7 +111,7 @@ def move_ranges(made, by_m):
 
 @pytest.mark.parametrize(("apart_m", "named"), [(0.0, False), (60.0, True)], ids=["wrong clocks", "another place"])
 def test_signals_equally_off_everywhere_may_have_wrong_orbits(apart_m, named):
-    made, sats = records(([], []))
+    made, sats = make_records(([], []))
     off_m = {0: -700.0, 2: -9e4, 4: -3e3, 6: -800.0}
     by_m = {("rx1", k): m for k, m in off_m.items()} | {("rx2", k): m + apart_m for k, m in off_m.items()}
     spoofed, authentic = examine_all(move_ranges(made, by_m))
@@ -135,7 +135,7 @@ def test_orbits_elsewhere_in_the_sky_differ_by_the_distance(off_m, named):
 
 
 def test_damaged_numbers_of_one_file_are_no_signals():
-    made, _ = records(([], []))
+    made, _ = make_records(([], []))
     rng = np.random.default_rng(0)
     by_m = {("rx1", k): np.where(rng.random(8) < 0.4, -1e4 * rng.integers(1, 9, 8), 0.0) for k in (0, 2, 4, 6)}
     spoofed, authentic = examine_all(move_ranges(made, by_m))
@@ -144,7 +144,7 @@ def test_damaged_numbers_of_one_file_are_no_signals():
 
 
 def test_nothing_is_named_where_no_sky_is_known_to_be_true():
-    made, _ = records(([0, 2], [4, 7]))
+    made, _ = make_records(([0, 2], [4, 7]))
     evidence, _ = MultiReceiver(MultiReceiverSettings(false_alarm_probability=1e-6)).examine(made)
     assert {e.says for e in evidence} == {"undecided"}
 

@@ -20,7 +20,7 @@ TRUE_M = np.array([24.0, 18.0, 0.0])
 RECEIVERS = ("rx1", "rx2")
 
 
-def covariance(rng, scale=1.0):
+def make_covariance(rng, scale=1.0):
     root = rng.normal(size=(3, 3))
     return scale * (root @ root.T / 3.0 + 0.1 * np.eye(3))
 
@@ -36,15 +36,15 @@ def test_the_nearest_baseline_of_a_distance_is_nearest_of_all(seed):
     rng = np.random.default_rng(seed)
     distance_m = 10.0 ** rng.uniform(0.3, 2.6)
     sigma_m, shown_m = rng.uniform(0.3, 10.0), rng.normal(size=3) * distance_m
-    spread_m2 = covariance(rng, 10.0 ** rng.uniform(-1.0, 1.0))
+    spread_m2 = make_covariance(rng, 10.0 ** rng.uniform(-1.0, 1.0))
     weight = np.linalg.inv(spread_m2)
 
-    def cost(b):
+    def find_cost(b):
         return (shown_m - b) @ weight @ (shown_m - b) + ((np.linalg.norm(b) - distance_m) / sigma_m) ** 2
 
     starts = [shown_m, -shown_m, *(rng.normal(size=(4, 3)) * distance_m)]
     options = {"xatol": 1e-8, "fatol": 1e-10, "maxiter": 4000}
-    least = min(optimize.minimize(cost, start, method="Nelder-Mead", options=options).fun for start in starts)
+    least = min(optimize.minimize(find_cost, start, method="Nelder-Mead", options=options).fun for start in starts)
     found = AntennaDistance(distance_m, sigma_m).misfit(RECEIVERS, shown_m, spread_m2).squared
     assert float(found) == pytest.approx(least, rel=1e-4, abs=1e-6)
 
@@ -53,7 +53,7 @@ def test_the_nearest_baseline_of_a_distance_is_nearest_of_all(seed):
 def test_agreement_is_uniform_and_survival_never_too_small(known):
     # Measured baselines and what is known of them are drawn about the truth, with the sigmas that are stated.
     rng = np.random.default_rng(3)
-    spread_m2, draws = covariance(rng, 2.0), 400
+    spread_m2, draws = make_covariance(rng, 2.0), 400
     root_m = np.linalg.cholesky(spread_m2)
     agreed, survived = np.empty(draws), np.empty(draws)
     for k in range(draws):

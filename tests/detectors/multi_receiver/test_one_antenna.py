@@ -18,8 +18,8 @@ from skyproof.detectors.multi_receiver.one_antenna import (
 from skyproof.statistics.distributions import binomial_survival, binomial_two_sided
 
 
-def tracks(rng, shape, sigma_m=1.0, phi=0.0, constant_m=0.0):
-    """Errors (trials, N, K, R) of tracks."""
+def draw_tracks(rng, shape, sigma_m=1.0, phi=0.0, constant_m=0.0):
+    """Draw errors (trials, N, K, R) of tracks."""
     white = rng.standard_normal(shape)
     white[:, 1:] *= np.sqrt(1.0 - phi**2)
     return sigma_m * lfilter([1.0], [1.0, -phi], white, axis=1) + constant_m * rng.standard_normal(
@@ -27,8 +27,8 @@ def tracks(rng, shape, sigma_m=1.0, phi=0.0, constant_m=0.0):
     )
 
 
-def p_values(ranges_m, noise, sigma_m=None, unit_enu=None):
-    """Along baselines alone, if the directions of the satellites are known."""
+def find_p_values(ranges_m, noise, sigma_m=None, unit_enu=None):
+    """Return p-values along baselines alone, if the directions of the satellites are known."""
     sigma_m = np.ones(ranges_m.shape[-2:]) if sigma_m is None else sigma_m
     values, gain, matrix = compute_contrasts(ranges_m, sigma_m)
     along = None if unit_enu is None else baseline_design(matrix, unit_enu)
@@ -36,17 +36,17 @@ def p_values(ranges_m, noise, sigma_m=None, unit_enu=None):
 
 
 def count_alarms(rng, trials, shape, noise, rates, unit_enu=None, **errors):
-    """How often the p-value is below each of `rates`, in blocks that fit into memory."""
+    """Count how often the p-value is below each of `rates`, in blocks that fit into memory."""
     block = max(1, 400_000 // int(np.prod(shape)))
     counts = np.zeros(len(rates), int)
     for begin in range(0, trials, block):
-        p = p_values(tracks(rng, (min(block, trials - begin), *shape), **errors), noise, unit_enu=unit_enu)
+        p = find_p_values(draw_tracks(rng, (min(block, trials - begin), *shape), **errors), noise, unit_enu=unit_enu)
         counts += np.sum(p[:, None] < np.array(rates), axis=0)
     return counts
 
 
-def sky(sats=7, seed=0):
-    """Directions east, north, up, spread over the sky above 10 degrees."""
+def draw_sky(sats=7, seed=0):
+    """Draw directions east, north, up, spread over the sky above 10 degrees."""
     rng = np.random.default_rng(seed)
     up = np.sin(np.radians(np.linspace(10, 80, sats)))
     azimuth = rng.uniform(0, 2 * np.pi) + np.arange(sats) * 2.4
@@ -64,16 +64,16 @@ def test_white_noise_gives_exactly_the_stated_wrong_rate(receivers, n):
 @pytest.mark.parametrize("receivers", [2, 3])
 def test_along_baselines_the_stated_rate_is_exact_as_well(receivers):
     trials = 40_000
-    (count,) = count_alarms(np.random.default_rng(5), trials, (10, 7, receivers), WHITE, [0.01], unit_enu=sky())
+    (count,) = count_alarms(np.random.default_rng(5), trials, (10, 7, receivers), WHITE, [0.01], unit_enu=draw_sky())
     assert binomial_two_sided(count, trials, 0.01) > 1e-3
 
 
 def test_baselines_tell_what_all_contrasts_together_do_not():
-    unit_enu = sky(10)
+    unit_enu = draw_sky(10)
     away_m = np.stack([np.zeros(10), -unit_enu @ (4.0, 3.0, 0.0)], axis=-1)
-    errors_m = tracks(np.random.default_rng(6), (200, 60, 10, 2), phi=0.5, constant_m=1.0)
+    errors_m = draw_tracks(np.random.default_rng(6), (200, 60, 10, 2), phi=0.5, constant_m=1.0)
     noise = TrackNoise(miss_probability=1e-4)
-    along, whole = (np.mean(p_values(away_m + errors_m, noise, unit_enu=u) < 1e-3) for u in (unit_enu, None))
+    along, whole = (np.mean(find_p_values(away_m + errors_m, noise, unit_enu=u) < 1e-3) for u in (unit_enu, None))
     assert along > whole + 0.1
 
 
@@ -121,7 +121,7 @@ COVERED = [(*SHAPES[(i + j) % 3], n, errors) for i, n in enumerate(EPOCHS) for j
 def test_wrong_authentications_stay_below_the_stated_rate(sats, receivers, n, errors, rate):
     trials = 10_000
     noise = TrackNoise(miss_probability=rate / 10)
-    for unit_enu in (None, sky(sats)):
+    for unit_enu in (None, draw_sky(sats)):
         (count,) = count_alarms(
             np.random.default_rng(1), trials, (n, sats, receivers), noise, [rate], unit_enu=unit_enu, **errors
         )
@@ -130,44 +130,44 @@ def test_wrong_authentications_stay_below_the_stated_rate(sats, receivers, n, er
 
 def test_what_the_cures_are_for():
     rng = np.random.default_rng(2)
-    assert np.mean(p_values(tracks(rng, (400, 30, 7, 2), phi=0.9), WHITE) < 0.01) > 0.9
-    assert np.mean(p_values(tracks(rng, (400, 30, 7, 2), constant_m=1.0), WHITE) < 0.01) > 0.9
+    assert np.mean(find_p_values(draw_tracks(rng, (400, 30, 7, 2), phi=0.9), WHITE) < 0.01) > 0.9
+    assert np.mean(find_p_values(draw_tracks(rng, (400, 30, 7, 2), constant_m=1.0), WHITE) < 0.01) > 0.9
 
 
 def test_wrong_weights_do_not_authenticate_either():
     # One satellite is three times as noisy as its C/N0 says: the exact test errs by a factor of five, the other not.
     scale = np.ones((7, 2))
     scale[0] = 3.0
-    errors = tracks(np.random.default_rng(3), (1000, 30, 7, 2)) * scale
-    assert np.mean(p_values(errors, WHITE) < 0.01) > 0.03
-    assert np.mean(p_values(errors, TrackNoise(miss_probability=1e-3)) < 0.01) < 0.01
+    errors = draw_tracks(np.random.default_rng(3), (1000, 30, 7, 2)) * scale
+    assert np.mean(find_p_values(errors, WHITE) < 0.01) > 0.03
+    assert np.mean(find_p_values(errors, TrackNoise(miss_probability=1e-3)) < 0.01) < 0.01
 
 
 @pytest.mark.parametrize(("distance_m", "n", "power"), [(10, 30, 0.9), (20, 10, 0.8), (20, 30, 0.99), (60, 10, 0.99)])
 def test_the_sky_is_told_from_one_antenna(distance_m, n, power):
-    errors = tracks(np.random.default_rng(4), (200, n, 7, 2), constant_m=1.0)
-    errors[..., 1] -= sky() @ np.array([0.6 * distance_m, 0.8 * distance_m, 0.0])
-    assert np.mean(p_values(errors, TrackNoise()) < 1e-3) > power
+    errors = draw_tracks(np.random.default_rng(4), (200, n, 7, 2), constant_m=1.0)
+    errors[..., 1] -= draw_sky() @ np.array([0.6 * distance_m, 0.8 * distance_m, 0.0])
+    assert np.mean(find_p_values(errors, TrackNoise()) < 1e-3) > power
 
 
 def test_unequal_thermal_noise_keeps_the_law_exact():
     rng = np.random.default_rng(5)
     sigma_m = rng.uniform(0.5, 3.0, (6, 2))
-    p = p_values(tracks(rng, (20_000, 8, 6, 2)) * sigma_m, WHITE, 10.0 * sigma_m)  # known up to a factor
+    p = find_p_values(draw_tracks(rng, (20_000, 8, 6, 2)) * sigma_m, WHITE, 10.0 * sigma_m)  # known up to a factor
     assert binomial_two_sided(int(np.sum(p < 0.01)), p.size, 0.01) > 1e-3
 
 
 def test_clock_and_satellite_terms_of_any_size_do_not_matter():
     rng = np.random.default_rng(6)
-    errors = tracks(rng, (3, 10, 6, 2))
+    errors = draw_tracks(rng, (3, 10, 6, 2))
     moved = errors + 2e7 + 3e5 * rng.standard_normal((10, 6, 1)) + 3e5 * rng.standard_normal((10, 1, 2))
-    np.testing.assert_allclose(p_values(moved, WHITE), p_values(errors, WHITE), rtol=1e-4)
+    np.testing.assert_allclose(find_p_values(moved, WHITE), find_p_values(errors, WHITE), rtol=1e-4)
 
 
 def test_the_threshold_is_where_the_p_value_crosses_the_rate():
     rng = np.random.default_rng(7)
     for noise in (WHITE, TrackNoise(miss_probability=1e-4)):
-        values, gain, _ = compute_contrasts(tracks(rng, (300, 10, 6, 2)) * 1.3, np.ones((6, 2)))
+        values, gain, _ = compute_contrasts(draw_tracks(rng, (300, 10, 6, 2)) * 1.3, np.ones((6, 2)))
         values = values + rng.uniform(0, 12, (300, 1, 1))
         levels = average_contrasts(values, gain, noise)
         test = one_antenna_test(levels)
@@ -180,7 +180,7 @@ def test_the_threshold_is_where_the_p_value_crosses_the_rate():
 def test_the_ratio_test_holds_its_rate_whatever_the_common_noise(errors):
     trials = 20_000
     rng = np.random.default_rng(8)
-    first, second = (tracks(rng, (trials, 4, 7, 2), **errors).mean(axis=1) for _ in range(2))
+    first, second = (draw_tracks(rng, (trials, 4, 7, 2), **errors).mean(axis=1) for _ in range(2))
     sigma_m = np.ones((7, 2))
     p = ratio_test(first, sigma_m, second, sigma_m).p_value
     assert binomial_two_sided(int(np.sum(p < 0.01)), trials, 0.01) > 1e-3
@@ -194,7 +194,7 @@ def test_the_ratio_test_errs_to_the_safe_side():
     shared = ratio_test(both_tables[..., [0, 2]], sigma_m, both_tables[..., [1, 2]], sigma_m).p_value
     assert np.sum(shared < 0.01) < limit
     other = rng.standard_normal((trials, 7, 2))
-    other[..., 1] -= sky() @ np.array([2.0, 0.0, 0.0])
+    other[..., 1] -= draw_sky() @ np.array([2.0, 0.0, 0.0])
     assert np.sum(ratio_test(both_tables[..., :2], sigma_m, other, sigma_m).p_value < 0.01) < limit
     for share in (0.0, 0.5, 1.0):  # the first is weak: from none of its noise by C/N0 to all of it
         weak = both_tables[..., :2] * np.sqrt(share * 9.0 + (1.0 - share))
@@ -205,10 +205,10 @@ def test_the_ratio_test_errs_to_the_safe_side():
 def test_the_baseline_comes_back_with_its_covariance():
     rng = np.random.default_rng(10)
     baseline_m = np.array([12.0, -5.0, 3.0])
-    ranges_m = tracks(rng, (3000, 10, 8, 2))
-    ranges_m[..., 1] -= sky(8) @ baseline_m
+    ranges_m = draw_tracks(rng, (3000, 10, 8, 2))
+    ranges_m[..., 1] -= draw_sky(8) @ baseline_m
     values, gain, matrix = compute_contrasts(ranges_m, np.ones((8, 2)))
-    found = estimate_baselines(average_contrasts(values, gain, WHITE), baseline_design(matrix, sky(8)))
+    found = estimate_baselines(average_contrasts(values, gain, WHITE), baseline_design(matrix, draw_sky(8)))
     error_m = found.enu_m[0] - baseline_m
     assert np.abs(error_m.mean(axis=0)).max() < 0.1
     np.testing.assert_allclose(np.cov(error_m.T), found.covariance_m2[0].mean(axis=0), rtol=0.15, atol=0.02)
@@ -219,20 +219,20 @@ def test_a_distance_that_is_true_is_rarely_rejected(true_m, hypothesis):
     trials, rng = 4000, np.random.default_rng(11)
     angle = rng.uniform(0, 2 * np.pi, trials)
     baseline_m = true_m * np.column_stack([np.sin(angle), np.cos(angle), rng.uniform(-1, 1, trials)])
-    ranges_m = tracks(rng, (trials, 10, 7, 2))
-    ranges_m[..., 1] -= (baseline_m @ sky().T)[:, None, :]
+    ranges_m = draw_tracks(rng, (trials, 10, 7, 2))
+    ranges_m[..., 1] -= (baseline_m @ draw_sky().T)[:, None, :]
     values, gain, matrix = compute_contrasts(ranges_m, np.ones((7, 2)))
     levels = average_contrasts(values, gain, WHITE)
-    p = distance_p_value(levels, estimate_baselines(levels, baseline_design(matrix, sky())), 5.0, hypothesis)
+    p = distance_p_value(levels, estimate_baselines(levels, baseline_design(matrix, draw_sky())), 5.0, hypothesis)
     # At the rim of the hypothesis; the region is a disc or its outside, not a point, so fewer than stated.
     assert binomial_survival(int(np.sum(p < 0.01)), trials, 0.01) > 1e-3
 
 
 def test_one_antenna_is_told_from_a_distance():
-    ranges_m = tracks(np.random.default_rng(12), (100, 30, 7, 2))
+    ranges_m = draw_tracks(np.random.default_rng(12), (100, 30, 7, 2))
     values, gain, matrix = compute_contrasts(ranges_m, np.ones((7, 2)))
     levels = average_contrasts(values, gain, WHITE)
-    baseline = estimate_baselines(levels, baseline_design(matrix, sky()))
+    baseline = estimate_baselines(levels, baseline_design(matrix, draw_sky()))
     assert np.mean(distance_p_value(levels, baseline, 5.0, "at least") < 1e-3) > 0.95
     assert np.mean(distance_p_value(levels, baseline, 5.0, "at most") == 1.0) > 0.95
 
@@ -240,7 +240,7 @@ def test_one_antenna_is_told_from_a_distance():
 def test_epochs_that_are_missing_are_known_by_their_gaps():
     rng = np.random.default_rng(13)
     kept = np.array([0, 1, 2, 6, 7, 8, 9, 14, 15, 16])
-    ranges_m = tracks(rng, (2000, 17, 6, 2), phi=0.9)[:, kept]
+    ranges_m = draw_tracks(rng, (2000, 17, 6, 2), phi=0.9)[:, kept]
     values, gain, _ = compute_contrasts(ranges_m, np.ones((6, 2)))
     noise = TrackNoise(miss_probability=1e-3)
     count = np.sum(one_antenna_test(average_contrasts(values, gain, noise, np.diff(kept).astype(float))).p_value < 0.01)

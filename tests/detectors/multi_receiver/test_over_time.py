@@ -20,7 +20,7 @@ THERE = FalseSky(shows_enu_m=(0.0, 0.0, 0.0), delay_m=0.0)
 ERRORS = TrackErrors(1.0, 0.5, 0.5)
 
 
-def scene(epochs=120, errors=ERRORS, **changes):
+def make_scene(epochs=120, errors=ERRORS, **changes):
     return MeasuredScene(antennas_enu_m=PLACES, epochs=epochs, errors=errors, max_satellites=10, **changes)
 
 
@@ -34,7 +34,7 @@ def take_over(clean, false, since_s, until_s=np.inf):
     return replace(clean[0], observations=tuple(observations))
 
 
-def windows(records):
+def make_windows(records):
     early = np.timedelta64(50, "ms")
     count = round(records.observations[0].gpst.size / WINDOW_S)
     for k in range(count):
@@ -44,9 +44,9 @@ def windows(records):
 
 
 def examine_records(records, **settings):
-    """What is said of each window, in the end."""
+    """Examine the records and return the last finding of each window."""
     detector, state, findings = MultiReceiver(MultiReceiverSettings(**settings)), None, {}
-    for window in windows(records):
+    for window in make_windows(records):
         findings.setdefault(window.start_gpst, set())
         evidence, state = detector.examine(window, state)
         for e in evidence:
@@ -55,49 +55,49 @@ def examine_records(records, **settings):
 
 
 def test_an_undecided_true_sky_is_authentic_in_two_minutes():
-    records = scene().records(np.random.default_rng(0))
-    alone = [MultiReceiver(MultiReceiverSettings(**GIVEN["places"])).examine(w)[0] for w in windows(records)]
+    records = make_scene().records(np.random.default_rng(0))
+    alone = [MultiReceiver(MultiReceiverSettings(**GIVEN["places"])).examine(w)[0] for w in make_windows(records)]
     assert {e.says for finding in alone for e in finding} == {"undecided"}
     assert all("authentic" in words for words in examine_records(records, **GIVEN["places"]))
 
 
 def test_an_undecided_captured_pair_is_spoofed_in_two_minutes():
-    records = scene(sky=(), false=(FalseSky(),)).records(np.random.default_rng(0))
+    records = make_scene(sky=(), false=(FalseSky(),)).records(np.random.default_rng(0))
     findings = examine_records(records, **GIVEN["places"])
     assert all("spoofed" in words for words in findings)
 
 
 def test_nothing_is_added_where_nothing_is_known_of_the_antennas():
-    records = scene().records(np.random.default_rng(0))
+    records = make_scene().records(np.random.default_rng(0))
     assert {word for words in examine_records(records) for word in words} == {"undecided"}
 
 
 def test_an_earlier_windows_evidence_states_how_long_it_took():
-    records = scene().records(np.random.default_rng(0))
+    records = make_scene().records(np.random.default_rng(0))
     detector, state, late = MultiReceiver(MultiReceiverSettings(**GIVEN["places"])), None, []
-    for window in windows(records):
+    for window in make_windows(records):
         evidence, state = detector.examine(window, state)
         late += [e for e in evidence if e.says == "authentic" and e.end_gpst < window.end_gpst]
     assert late
-    assert {e.end_gpst - e.start_gpst for e in late} <= {w.end_gpst - w.start_gpst for w in windows(records)}
+    assert {e.end_gpst - e.start_gpst for e in late} <= {w.end_gpst - w.start_gpst for w in make_windows(records)}
     assert {(e.code, e.data["satellites"]) for e in late} == {("as_known_over_time", 10)}
     assert all(e.p_value < 1e-3 and e.data["length_s"] > WINDOW_S for e in late)
     assert all("one_change" in e.data["assumes"] for e in late)
 
 
 def test_what_is_remembered_is_bounded():
-    records = scene(epochs=10 * (POLICY.longest_run_windows + 3), errors=TrackErrors(3.0, 0.9, 1.0)).records(
+    records = make_scene(epochs=10 * (POLICY.longest_run_windows + 3), errors=TrackErrors(3.0, 0.9, 1.0)).records(
         np.random.default_rng(0)
     )
     detector, state, lengths = MultiReceiver(MultiReceiverSettings(**GIVEN["places"])), None, []
-    for window in windows(records):
+    for window in make_windows(records):
         _, state = detector.examine(window, state)
         lengths.append(len(state.runs[0].parts))
     assert lengths == [*range(1, POLICY.longest_run_windows + 1), *[POLICY.longest_run_windows] * 3]
 
 
 def test_a_window_that_is_missing_begins_anew():
-    first, _, third = list(windows(scene(epochs=30).records(np.random.default_rng(0))))
+    first, _, third = list(make_windows(make_scene(epochs=30).records(np.random.default_rng(0))))
     detector = MultiReceiver(MultiReceiverSettings(**GIVEN["places"]))
     _, state = detector.examine(first)
     _, state = detector.examine(third, state)
@@ -107,7 +107,7 @@ def test_a_window_that_is_missing_begins_anew():
 @pytest.mark.parametrize("given", GIVEN)
 @pytest.mark.parametrize("since_s", [20.0, 33.0, 57.5, 71.0])
 def test_a_run_that_ends_off_the_sky_is_not_authentic(given, since_s):
-    clean, false = scene(epochs=90), scene(epochs=90, sky=(), false=(THERE,))
+    clean, false = make_scene(epochs=90), make_scene(epochs=90, sky=(), false=(THERE,))
     for seed in range(2):
         findings = examine_records(
             take_over((clean.records(np.random.default_rng(seed)), clean), false, since_s), **GIVEN[given]
@@ -122,7 +122,7 @@ def test_a_run_that_ends_off_the_sky_is_not_authentic(given, since_s):
 @pytest.mark.parametrize("kind", ["captured", "clean", "taken over", "for a while"])
 def test_no_window_is_wrong_more_often_than_stated(given, errors, kind):
     runs, rate, draw = 60, 0.01, np.random.default_rng(1)
-    clean, false = (scene(epochs=120, errors=errors, **o) for o in ({}, {"sky": (), "false": (THERE,)}))
+    clean, false = (make_scene(epochs=120, errors=errors, **o) for o in ({}, {"sky": (), "false": (THERE,)}))
     wrong = 0
     for _ in range(runs):
         since_s = {"captured": -1.0, "clean": np.inf}.get(kind, draw.uniform(10.0, 110.0))

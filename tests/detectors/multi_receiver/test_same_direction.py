@@ -14,25 +14,25 @@ from skyproof.testing import FalseSky, MeasuredScene
 FAR_M = 50_000.0
 
 
-def scene_with(azimuth_rad):
+def make_scene(azimuth_rad):
     antenna = (FAR_M * np.sin(azimuth_rad), FAR_M * np.cos(azimuth_rad), 0.0)
     return MeasuredScene(false=(FalseSky(antenna_enu_m=antenna, shows_enu_m=(300.0, 0.0, 0.0)),))
 
 
-def sky_of(records):
-    """The pairing of the true sets."""
+def pair_true_sets(records):
+    """Return the pairing of the true sets."""
     true = tuple(next(s for s in records.sets if s.receiver == r) for r in ("rx1", "rx2"))
     return pair_up(records, true, MultiReceiverSettings().noise(1), min_satellites=5)
 
 
 @pytest.fixture(scope="module")
 def behind():
-    """Records in which one satellite's range differs between the receivers as the false antenna's does; and which."""
-    plain = sky_of(scene_with(0.0).records(np.random.default_rng(1)))
+    """Make records in which one satellite's range differs between receivers as the false antenna's does."""
+    plain = pair_true_sets(make_scene(0.0).records(np.random.default_rng(1)))
     east = plain.unit_enu[:, 0]
     k = int(np.argmin(np.abs(east - 0.3)))
-    records = scene_with(np.arcsin(east[k])).records(np.random.default_rng(2))
-    return records, sky_of(records), plain.ranges.sats[k]
+    records = make_scene(np.arcsin(east[k])).records(np.random.default_rng(2))
+    return records, pair_true_sets(records), plain.ranges.sats[k]
 
 
 def examine_all(records, sky, imitated, **data):
@@ -74,8 +74,8 @@ def test_three_satellites_that_are_left_are_not_authentic(behind):
 def test_a_false_signal_is_doubtful_with_the_stated_chance():
     rng, kept, drawn = np.random.default_rng(3), 0, 40
     for _ in range(drawn):
-        records = scene_with(rng.uniform(0.0, 2.0 * np.pi)).records(rng)
-        sky = sky_of(records)
+        records = make_scene(rng.uniform(0.0, 2.0 * np.pi)).records(rng)
+        sky = pair_true_sets(records)
         sat = sky.ranges.sats[0]
         # The sky has the false signal of a satellite in place of its own.
         mixed = tuple(

@@ -20,7 +20,7 @@ MEACONER = FalseSky()
 CAPTURED = {"sky": ("rx1",), "false": (replace(MEACONER, receivers=("rx2",), shows_enu_m=(60.0, -40.0, 3.0)),)}
 
 
-def windows(*changes, antennas=PAIR):
+def make_windows(*changes, antennas=PAIR):
     rng = np.random.default_rng(0)
     keys = {"antennas_enu_m": antennas, "errors": ERRORS, "place_deg": PLACE_DEG, "epochs": 10}
     return [MeasuredScene(**(keys | change)).records(rng) for change in changes]
@@ -35,11 +35,11 @@ def review_all(records, **settings):
     return list(detector.review(findings))
 
 
-def against(evidence):
+def select_against(evidence):
     return [e for e in evidence if e.says in ("spoofed", "attack")]
 
 
-def codes(evidence):
+def list_codes(evidence):
     (causes,) = {tuple(c.code for c in e.wrong_statements) for e in evidence if e.wrong_statements}
     return causes
 
@@ -57,17 +57,17 @@ def codes(evidence):
     ids=str,
 )
 def test_a_distance_with_a_likely_slip_is_named_and_no_attack(factor, code):
-    evidence = review_all(windows({}, {}), antenna_distance_m=factor * DISTANCE_M)
-    assert not against(evidence)
-    assert code in codes(evidence)
+    evidence = review_all(make_windows({}, {}), antenna_distance_m=factor * DISTANCE_M)
+    assert not select_against(evidence)
+    assert code in list_codes(evidence)
     assert {(e.says, e.failed) for e in evidence} == {("undecided", True)}
 
 
 def test_a_level_distance_for_one_with_height_is_named():
     steep = {"rx1": (0.0, 0.0, 0.0), "rx2": (9.0, 12.0, 20.0)}
-    evidence = review_all(windows({}, {}, antennas=steep), antenna_distance_m=15.0)
-    assert not against(evidence)
-    assert "level_distance" in codes(evidence)
+    evidence = review_all(make_windows({}, {}, antennas=steep), antenna_distance_m=15.0)
+    assert not select_against(evidence)
+    assert "level_distance" in list_codes(evidence)
 
 
 @pytest.mark.parametrize(
@@ -83,9 +83,9 @@ def test_a_level_distance_for_one_with_height_is_named():
     ids=str,
 )
 def test_places_with_a_likely_slip_are_named_and_no_attack(stated_m, code):
-    evidence = review_all(windows({}, {}), antennas_enu_m={"rx1": (0.0, 0.0, 0.0), "rx2": stated_m})
-    assert not against(evidence)
-    assert code in codes(evidence)
+    evidence = review_all(make_windows({}, {}), antennas_enu_m={"rx1": (0.0, 0.0, 0.0), "rx2": stated_m})
+    assert not select_against(evidence)
+    assert code in list_codes(evidence)
 
 
 @pytest.mark.parametrize("code", ["height_above_sea_level", "height_in_feet", "degrees_and_minutes"])
@@ -101,48 +101,48 @@ def test_a_position_slip_is_named_with_the_right_value(code):
         (slip,) = (s for s in list_position_slips(stated_m["rx2"]) if s.code == code)
         stated_m["rx2"] = stated_m["rx2"] - (slip.position_ecef_m - here_m - rot.T @ TRUE_M)
     places = {name: tuple(rot @ (place - here_m)) for name, place in stated_m.items()}
-    evidence = review_all(windows({}, {}), antennas_enu_m=places, positions_ecef_m=stated_m)
-    assert not against(evidence)
-    assert code in codes(evidence)
+    evidence = review_all(make_windows({}, {}), antennas_enu_m=places, positions_ecef_m=stated_m)
+    assert not select_against(evidence)
+    assert code in list_codes(evidence)
     (cause,) = {c for e in evidence for c in e.wrong_statements if c.code == code}
     assert cause.about == "position of rx2"
     assert cause.value
 
 
 def test_a_distance_that_is_wrong_by_any_amount_is_no_attack():
-    evidence = review_all(windows({}, {}), antenna_distance_m=1.37 * DISTANCE_M)
-    assert not against(evidence)
-    assert codes(evidence) == (UNLISTED,)
+    evidence = review_all(make_windows({}, {}), antenna_distance_m=1.37 * DISTANCE_M)
+    assert not select_against(evidence)
+    assert list_codes(evidence) == (UNLISTED,)
 
 
 def test_a_statement_that_was_borne_out_makes_the_rest_an_attack():
     for order in ([{}, CAPTURED], [CAPTURED, {}]):
-        evidence = review_all(windows(*order), antennas_enu_m=PAIR)
+        evidence = review_all(make_windows(*order), antennas_enu_m=PAIR)
         assert {e.says for e in evidence} == {"authentic", "attack"}
 
 
 def test_a_captured_receiver_within_a_slip_is_never_authentic():
-    evidence = review_all(windows(CAPTURED, CAPTURED), antennas_enu_m=PAIR)
+    evidence = review_all(make_windows(CAPTURED, CAPTURED), antennas_enu_m=PAIR)
     assert {(e.says, e.failed, e.overrules) for e in evidence} == {("undecided", True, True)}
 
 
 def test_a_receiver_that_is_led_far_away_is_attacked():
     # Farther than antennas may stand apart, and than a slip makes of the distance.
     far = replace(CAPTURED["false"][0], shows_enu_m=(700.0, 500.0, 30.0))
-    evidence = review_all(windows({**CAPTURED, "false": (far,)}), antenna_distance_m=DISTANCE_M)
+    evidence = review_all(make_windows({**CAPTURED, "false": (far,)}), antenna_distance_m=DISTANCE_M)
     assert {e.says for e in evidence} == {"attack"}
 
 
 def test_antennas_turned_since_stated_are_no_attack():
     turned = {"antennas_enu_m": {"rx1": (0.0, 0.0, 0.0), "rx2": (-18.0, 24.0, 6.0)}}
-    evidence = review_all(windows({}, turned), antennas_enu_m=PAIR)
+    evidence = review_all(make_windows({}, turned), antennas_enu_m=PAIR)
     assert [e.says for e in evidence] == ["authentic", "undecided"]
-    assert codes(evidence) == ("attitude_or_axes",)
+    assert list_codes(evidence) == ("attitude_or_axes",)
 
 
 @pytest.mark.parametrize("carriers", [False, True])
 def test_one_transmitter_is_named_where_carriers_show_one_place(carriers):
-    with_both = windows(*2 * [{"sky": (), "false": (MEACONER,)}])
+    with_both = make_windows(*2 * [{"sky": (), "false": (MEACONER,)}])
     if not carriers:
         without = [
             [replace(o, carrier_cyc=np.full_like(o.carrier_cyc, np.nan)) for o in r.observations] for r in with_both
@@ -173,7 +173,7 @@ CAREFUL = {"false_alarm_probability": 1e-8, "carrier_multipath_sigma_m": 0.001}
 def test_carriers_of_near_antennas_name_the_slip(stated, code):
     # Code could be of one antenna: the word stays open, no test fails, and what may be wrong is named.
     sigma = {"antenna_distance_sigma_m": 0.01} if "antenna_distance_m" in stated else {"antennas_sigma_m": 0.02}
-    evidence = review_all(windows({}, {}, antennas=NEAR), **stated, **sigma, **CAREFUL)
+    evidence = review_all(make_windows({}, {}, antennas=NEAR), **stated, **sigma, **CAREFUL)
     named = {cause.code for e in evidence for cause in e.wrong_statements}
     assert (code in named) if code else not named
     assert not any(e.failed for e in evidence)
@@ -181,7 +181,7 @@ def test_carriers_of_near_antennas_name_the_slip(stated, code):
 
 def test_code_that_contradicts_a_statement_names_it():
     apart = {"rx1": (0.0, 0.0, 0.0), "rx2": (7.0, 4.0, 1.0)}
-    both_windows = windows({}, {}, antennas=apart)
+    both_windows = make_windows({}, {}, antennas=apart)
     without = [
         [replace(o, carrier_cyc=np.full_like(o.carrier_cyc, np.nan)) for o in r.observations] for r in both_windows
     ]
@@ -189,7 +189,7 @@ def test_code_that_contradicts_a_statement_names_it():
     distance_m = float(np.linalg.norm(apart["rx2"]))
     evidence = review_all(both_windows, antenna_distance_m=10.0 * distance_m, false_alarm_probability=1e-30)
     assert {(e.says, e.failed) for e in evidence} == {("undecided", False)}
-    assert "decimal_point" in codes(evidence)
+    assert "decimal_point" in list_codes(evidence)
     assert not any(
         e.wrong_statements
         for e in review_all(both_windows, antenna_distance_m=distance_m, false_alarm_probability=1e-30)
@@ -199,7 +199,7 @@ def test_code_that_contradicts_a_statement_names_it():
 @pytest.mark.parametrize(("least_m", "fails"), [(0.5 * DISTANCE_M, False), (300.0, True)])
 def test_antennas_nearer_than_they_are_said_to_be_at_least_fail(least_m, fails):
     # Signals that are surely not of one antenna passed before, however near they put the antennas.
-    evidence = review_all(windows({}, {}), antenna_separation_m=least_m, max_separation_m=1000.0)
+    evidence = review_all(make_windows({}, {}), antenna_separation_m=least_m, max_separation_m=1000.0)
     assert {(e.says, e.failed) for e in evidence} == {("undecided", fails)}
     assert {cause.about for e in evidence for cause in e.wrong_statements} == (
         {"antenna_separation_m"} if fails else set()

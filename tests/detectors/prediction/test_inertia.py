@@ -22,8 +22,8 @@ PULL_S = 45.0
 
 
 @cache
-def heard(path="drive", seed=2, speed_m_s=0.0, duration_s=71.0, carrier="follows"):
-    """A scene's measurements, its windows with their sets, and what its unit lets expect; an attack if it is fast."""
+def simulate_path(path="drive", seed=2, speed_m_s=0.0, duration_s=71.0, carrier="follows"):
+    """Simulate measurements, windows with their sets, and the unit's prediction; under attack if it is fast."""
     way = {"drive": DRIVE, "walk": WALK}[path]
     unit = {"grade": "tactical", "rate_hz": 50.0}
     scene = make_takeover(
@@ -44,16 +44,16 @@ def heard(path="drive", seed=2, speed_m_s=0.0, duration_s=71.0, carrier="follows
     return o, windows, make_inertia(scene, settings, "tactical", seed=seed)["bow"]
 
 
-def walked(found, change=lambda readings: readings, shown=None):
-    """Findings of what was heard, with changed readings or measurements, and the navigator."""
+def walk(found, change=lambda readings: readings, shown=None):
+    """Return the findings of these measurements, with changed readings or ranges, and the navigator."""
     o, windows, predictor = found
     o = o if shown is None else shown(o)
     unit = replace(predictor, readings=change(predictor.readings))
-    return examined(Inertia(InertiaSettings(false_alarm_probability=ALPHA)), o, windows, inertial={"bow": unit})
+    return examine(Inertia(InertiaSettings(false_alarm_probability=ALPHA)), o, windows, inertial={"bow": unit})
 
 
-def examined(detector, o, windows, doubts=(), **expected):
-    """Findings of windows in which nothing else is found, but for doubts, and the navigator after them."""
+def examine(detector, o, windows, doubts=(), **expected):
+    """Return findings of windows in which nothing else but doubts is found, and the navigator after them."""
     state, findings = None, []
     for number, (window, clean) in enumerate(zip(windows, find_nothing(windows, o.signals), strict=True)):
         own = cut(o, window.start_gpst, window.end_gpst)
@@ -64,19 +64,19 @@ def examined(detector, o, windows, doubts=(), **expected):
     return findings, list_navigators(state).get("bow")
 
 
-def said(found, change=lambda readings: readings, shown=None):
-    """The departures among them."""
-    return [e for e in walked(found, change, shown)[0] if e.says != "clean" and e.code != "not_aligned"]
+def list_departures(found, change=lambda readings: readings, shown=None):
+    """List the departures among the findings."""
+    return [e for e in walk(found, change, shown)[0] if e.says != "clean" and e.code != "not_aligned"]
 
 
-def later(readings, since_s):
+def shift_readings(readings, since_s):
     return (readings.gpst >= readings.gpst[0] + np.timedelta64(round(since_s * 1e9), "ns"))[:, None]
 
 
 def test_a_dragged_position_is_an_attack_where_it_begins():
-    found = heard(speed_m_s=2.0)
+    found = simulate_path(speed_m_s=2.0)
     start = found[0].gpst[0]
-    first, *rest = said(found)
+    first, *rest = list_departures(found)
     assert first.says == "attack"
     assert PULL_S < float((first.end_gpst - start) / np.timedelta64(1, "s")) <= PULL_S + 10.0
     assert first.data["assumes"][0] == "inertial_as_stated"
@@ -85,7 +85,7 @@ def test_a_dragged_position_is_an_attack_where_it_begins():
 
 def test_codes_drawn_off_alone_are_no_error_of_the_unit():
     # Velocities go on, and those of a unit that errs part as positions do.
-    found = said(heard(speed_m_s=3.0, carrier="locked"))
+    found = list_departures(simulate_path(speed_m_s=3.0, carrier="locked"))
     assert found[-1].code == "departs"
     named = next(e for e in found if e.says == "attack")
     assert named.data["off_m_s"] < 0.2 < named.data["statistic"]
@@ -93,7 +93,7 @@ def test_codes_drawn_off_alone_are_no_error_of_the_unit():
 
 
 def test_a_clean_drive_goes_on_and_says_what_would_be_noticed():
-    findings, navigator = walked(heard())
+    findings, navigator = walk(simulate_path())
     assert findings[0].code == "not_aligned"
     findings = [e for e in findings if e.code != "not_aligned"]
     assert {(e.says, e.code) for e in findings} == {("clean", "goes_on")}
@@ -107,8 +107,8 @@ def test_a_clean_drive_goes_on_and_says_what_would_be_noticed():
 
 def test_for_a_slow_drag_inertia_states_what_it_may_miss():
     # One that draws the navigator along before it is noticed, by navigators that have run free for a minute.
-    found = heard(speed_m_s=0.8, duration_s=121.0, carrier="locked")
-    findings, navigator = walked(found)
+    found = simulate_path(speed_m_s=0.8, duration_s=121.0, carrier="locked")
+    findings, navigator = walk(found)
     start = found[0].gpst[0]
     first = next(e for e in findings if e.failed)
     begun_s, noticed_s, last_s = (
@@ -118,7 +118,7 @@ def test_for_a_slow_drag_inertia_states_what_it_may_miss():
     assert 0.8 * (last_s - PULL_S) < navigator.hidden_m
 
 
-def doubt(o, window, dated_gpst, code):
+def make_doubt(o, window, dated_gpst, code):
     """Return that another test failed: of an attack where no benign cause is left."""
     return Finding(
         detector="none",
@@ -136,20 +136,20 @@ def doubt(o, window, dated_gpst, code):
 @pytest.mark.parametrize("code", ["odd", "attack"])
 def test_what_a_later_finding_doubts_corrects_no_navigator(code):
     # As if it had been known from the start: what windows taught from its date on is taken back.
-    o, windows, predictor = heard(duration_s=101.0)
+    o, windows, predictor = simulate_path(duration_s=101.0)
     since = windows[5].start_gpst + np.timedelta64(2, "s")
     detector = Inertia(InertiaSettings(false_alarm_probability=ALPHA))
-    late = [(8, doubt(o, windows[8], since, code))]
-    early = [(number, doubt(o, windows[number], since, code)) for number in range(5, 9)]
-    _, after = examined(detector, o, windows[:9], late, inertial={"bow": predictor})
-    _, known = examined(detector, o, windows[:9], early, inertial={"bow": predictor})
+    late = [(8, make_doubt(o, windows[8], since, code))]
+    early = [(number, make_doubt(o, windows[number], since, code)) for number in range(5, 9)]
+    _, after = examine(detector, o, windows[:9], late, inertial={"bow": predictor})
+    _, known = examine(detector, o, windows[:9], early, inertial={"bow": predictor})
     # Under an attack the window before may hold its beginning.
     assert after.until == known.until == windows[4 if code == "odd" else 3].end_gpst
     at = windows[8].start_gpst
     np.testing.assert_allclose(after.predictor.at(at).mean, known.predictor.at(at).mean, rtol=1e-12)
 
 
-def spiked(readings):
+def add_spike(readings):
     force = readings.specific_force_m_s2.copy()
     force[(52 * 50)] += [100.0, 0.0, 0.0]
     return replace(readings, specific_force_m_s2=force)
@@ -171,10 +171,12 @@ BAD = {
         "moved_more",
     ),
     "a bias from 50 s on": (
-        lambda r: replace(r, specific_force_m_s2=r.specific_force_m_s2 + 0.5 * later(r, 50.0) * [1.0, 0.0, 0.0]),
+        lambda r: replace(
+            r, specific_force_m_s2=r.specific_force_m_s2 + 0.5 * shift_readings(r, 50.0) * [1.0, 0.0, 0.0]
+        ),
         "parts_slowly",
     ),
-    "one reading is wrong": (spiked, "blow"),
+    "one reading is wrong": (add_spike, "blow"),
 }
 
 QUICK = {"half a second late", "a bias from 50 s on", "one reading is wrong"}
@@ -185,7 +187,7 @@ QUICK = {"half a second late", "a bias from 50 s on", "one reading is wrong"}
     [pytest.param(*bad, id=name, marks=() if name in QUICK else pytest.mark.long) for name, bad in BAD.items()],
 )
 def test_a_log_that_errs_is_no_attack_and_the_reason_is_said(change, code):
-    found = said(heard(), change)
+    found = list_departures(simulate_path(), change)
     assert found
     assert all(e.says == "undecided" and e.failed and e.overrules for e in found)
     assert found[0].code == code
@@ -194,12 +196,12 @@ def test_a_log_that_errs_is_no_attack_and_the_reason_is_said(change, code):
 @pytest.mark.parametrize("satellites", [pytest.param(1, marks=pytest.mark.long), 2])
 def test_what_a_few_satellites_alone_show_is_no_attack(satellites):
     # Reflections by what drives past: the Dopplers of some are off by 4 m/s.
-    def shown(o):
+    def show(o):
         off = np.zeros(o.doppler_hz.shape)
         off[o.elapsed_s > PULL_S + 2.0, :satellites] = 20.0
         return replace(o, doppler_hz=o.doppler_hz + off)
 
-    found = said(heard(), shown=shown)
+    found = list_departures(simulate_path(), shown=show)
     assert not any(e.says == "attack" for e in found)
 
 
@@ -208,7 +210,7 @@ def test_what_a_few_satellites_alone_show_is_no_attack(satellites):
 def test_of_clean_ways_no_more_p_values_are_small_than_stated(path):
     p = []
     for seed in range(24):
-        findings, _ = walked(heard.__wrapped__(path, seed, duration_s=150.0))
+        findings, _ = walk(simulate_path.__wrapped__(path, seed, duration_s=150.0))
         assert {e.says for e in findings if e.p} == {"clean"}
         p += [e.p_value for e in findings if e.p]
     p = np.array(p)

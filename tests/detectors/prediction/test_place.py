@@ -26,8 +26,8 @@ STANDS = Standing(stands=True, oscillator=None, by=("standing",), assumes=("rece
 
 
 @cache
-def received(speed_m_s=0.0, seed=1, duration_s=81.0, code_m=0.5, ar1=0.0, constant_m=0.0):
-    """A standing receiver's measurements, its windows with their sets, and where it is; an attack if it is fast."""
+def simulate_standing(speed_m_s=0.0, seed=1, duration_s=81.0, code_m=0.5, ar1=0.0, constant_m=0.0):
+    """Simulate a standing receiver: measurements, windows with their sets, and its place; attacked if fast."""
     scene = make_takeover(speed_m_s=speed_m_s or 1.0, onset_s=ONSET_S, duration_s=duration_s, seed=seed)
     if not speed_m_s:
         scene = make_scene(scene.scenario.model_copy(update={"attacks": ()}), NAVIGATION)
@@ -37,13 +37,13 @@ def received(speed_m_s=0.0, seed=1, duration_s=81.0, code_m=0.5, ar1=0.0, consta
     return o, list(windows_of([WholeSource(o)], NAVIGATION, Settings())), one.position_ecef_m[0]
 
 
-def said(found, predictor):
+def list_departures(found, predictor):
     """Return findings of windows that do not show the place where the receiver stands."""
     o, windows, _ = found
-    return [e for e in examined(windows, o, predictor) if e.code not in ("there", "no_place")]
+    return [e for e in examine(windows, o, predictor) if e.code not in ("there", "no_place")]
 
 
-def examined(windows, o, predictor):
+def examine(windows, o, predictor):
     """Return all findings of windows in which no other test finds anything."""
     state, findings = None, []
     detector = StatedPlace(StatedPlaceSettings(false_alarm_probability=ALPHA))
@@ -53,30 +53,30 @@ def examined(windows, o, predictor):
     return findings
 
 
-def moved(o, since, place_m, by_m):
+def move_place(o, since, place_m, by_m):
     """Return measurements that show another place from an instant on, by (3,) ECEF."""
     unit = build_series(o, NAVIGATION, place_m, Limits()).unit
     return replace(o, pseudorange_m=o.pseudorange_m - (o.gpst >= since)[:, None] * (unit @ by_m))
 
 
-def at(found, *, north_m=0.0, up_m=0.0):
-    """Stated to stand so far from where it does."""
+def make_place(found, *, north_m=0.0, up_m=0.0):
+    """Make a stated place so far from the receiver's."""
     away_m = rot_enu_ecef(np.radians(57.7), np.radians(11.94)).T @ [0.0, north_m, up_m]
     return place_surveyed(STANDS, found[2] + away_m, 0.01 * np.eye(3))
 
 
 def test_what_stands_where_it_is_stated_to_says_nothing():
-    found = received()
-    assert said(found, STANDS) == []
-    assert said(found, at(found)) == []
+    found = simulate_standing()
+    assert list_departures(found, STANDS) == []
+    assert list_departures(found, make_place(found)) == []
 
 
 @pytest.mark.parametrize(
     ("where", "code"), [({"north_m": 200.0}, UNLISTED), ({"up_m": 60.0}, HEIGHT), ({"up_m": -36.3}, "above_sea_level")]
 )
 def test_a_place_that_no_window_shows_is_false_or_wrongly_stated(where, code):
-    found = received()
-    every = said(found, at(found, **where))
+    found = simulate_standing()
+    every = list_departures(found, make_place(found, **where))
     assert len(every) == len(found[1])
     assert {(e.says, e.failed, e.overrules) for e in every} == {("undecided", True, True)}
     assert all(e.wrong_statements[0].code.endswith(code) for e in every)
@@ -87,14 +87,14 @@ def test_a_place_that_no_window_shows_is_false_or_wrongly_stated(where, code):
 def test_a_place_that_is_wrong_by_what_just_fits_is_no_attack(north_m):
     # It fits in one window and not in the next, and what is shown stays where it is.
     for seed in (1, 2, 3):
-        found = received(seed=seed, code_m=1.0, ar1=0.9, constant_m=1.0)
-        assert {e.says for e in said(found, at(found, north_m=north_m))} <= {"undecided"}
+        found = simulate_standing(seed=seed, code_m=1.0, ar1=0.9, constant_m=1.0)
+        assert {e.says for e in list_departures(found, make_place(found, north_m=north_m))} <= {"undecided"}
 
 
 @pytest.mark.parametrize("stated", [False, True])
 def test_a_place_that_was_shown_and_is_left_is_an_attack(stated):
-    found = received(speed_m_s=3.0)
-    first, *rest = said(found, at(found) if stated else STANDS)
+    found = simulate_standing(speed_m_s=3.0)
+    first, *rest = list_departures(found, make_place(found) if stated else STANDS)
     after_s = float((first.end_gpst - found[0].gpst[0]) / np.timedelta64(1, "s")) - ONSET_S - 3.0
     assert first.says == "attack"
     assert 0.0 < after_s <= 15.0
@@ -111,8 +111,8 @@ def test_a_place_that_was_shown_and_is_left_is_an_attack(stated):
 def test_errors_many_times_as_large_as_stated_are_no_attack(constant_m, code_m, ar1):
     windows = open_ = 0
     for seed in range(60):
-        found = received.__wrapped__(seed=seed, code_m=code_m, ar1=ar1, constant_m=constant_m)
-        every = said(found, STANDS)
+        found = simulate_standing.__wrapped__(seed=seed, code_m=code_m, ar1=ar1, constant_m=constant_m)
+        every = list_departures(found, STANDS)
         windows, open_ = windows + len(found[1]), open_ + len(every)
         assert not any(e.says == "attack" for e in every), seed
     print(f"{constant_m:.0f} m constant, {code_m:.0f} m with {ar1}: {windows} windows, {open_} open")
@@ -123,14 +123,14 @@ def test_moves_of_the_size_that_is_stated_are_noticed(draws):
     # However slow: the window that shows the place moved as a whole is tested against the first one.
     rng, noticed, few = np.random.default_rng(3), 0, 0
     for draw in range(draws):
-        o, windows, place_m = received.__wrapped__(seed=draw, duration_s=41.0)
-        (size,) = examined(windows, o, STANDS)[-1].noticed
+        o, windows, place_m = simulate_standing.__wrapped__(seed=draw, duration_s=41.0)
+        (size,) = examine(windows, o, STANDS)[-1].noticed
         assert size.kind == "displacement"
         heading = rng.uniform(0.0, 2.0 * np.pi)
         level = rot_enu_ecef(np.radians(57.7), np.radians(11.94)).T @ [np.sin(heading), np.cos(heading), 0.0]
         for share in (1.0, 0.4):
-            other = moved(o, windows[-1].start_gpst, place_m, share * size.size * level)
-            found = examined(list(windows_of([WholeSource(other)], NAVIGATION, Settings())), o, STANDS)[-1]
+            other = move_place(o, windows[-1].start_gpst, place_m, share * size.size * level)
+            found = examine(list(windows_of([WholeSource(other)], NAVIGATION, Settings())), o, STANDS)[-1]
             seen = found.p[Cause.CLEAN] < found.alpha
             noticed, few = noticed + (seen and share == 1.0), few + (seen and share < 1.0)
     print(f"{draws} draws: {noticed} noticed, of 0.4 of the size {few}; the last {size.size:.1f} m")

@@ -17,7 +17,7 @@ LIKE_AN_ECHO = Second(
 )
 
 
-def p_value(second, model=MODEL):
+def find_p_value(second, model=MODEL):
     return echo_p_value(model, false_over_echo(model, second), second)
 
 
@@ -27,12 +27,12 @@ def p_value(second, model=MODEL):
     ids=str,
 )
 def test_later_stronger_or_faster_than_echoes_is_rarer(unlike):
-    assert p_value(LIKE_AN_ECHO._replace(**unlike)) < 0.5 * p_value(LIKE_AN_ECHO)
+    assert find_p_value(LIKE_AN_ECHO._replace(**unlike)) < 0.5 * find_p_value(LIKE_AN_ECHO)
 
 
 def test_an_echo_is_likelier_where_the_direct_may_be_blocked():
     strong = LIKE_AN_ECHO._replace(over_db=6.0)
-    p_values = [p_value(strong._replace(below_db=below)) for below in (0.0, 5.0, 12.0)]
+    p_values = [find_p_value(strong._replace(below_db=below)) for below in (0.0, 5.0, 12.0)]
     assert p_values == sorted(p_values)
     assert p_values[0] < 0.1 * p_values[-1]
 
@@ -48,15 +48,17 @@ def test_ratios_and_p_values_stay_within_what_is_stated(late_m, over_db, apart_h
     second = Second(late_m, over_db, apart_hz, below_db, CHIP_M, np.radians(elevation_deg))
     with np.errstate(over="raise", invalid="raise"):
         assert 0.0 < false_over_echo(MODEL, second) <= 1.0 / MODEL.unexplained_probability
-        assert 0.0 < p_value(second) < 0.25
+        assert 0.0 < find_p_value(second) < 0.25
 
 
 def test_an_unknown_elevation_is_the_lowest():
-    assert p_value(LIKE_AN_ECHO._replace(elevation_rad=np.nan)) == p_value(LIKE_AN_ECHO._replace(elevation_rad=0.1))
+    assert find_p_value(LIKE_AN_ECHO._replace(elevation_rad=np.nan)) == find_p_value(
+        LIKE_AN_ECHO._replace(elevation_rad=0.1)
+    )
 
 
 def test_more_echoes_make_each_more_probable():
-    assert p_value(LIKE_AN_ECHO, replace(MODEL, echoes_per_satellite=3.0)) > 1.5 * p_value(LIKE_AN_ECHO)
+    assert find_p_value(LIKE_AN_ECHO, replace(MODEL, echoes_per_satellite=3.0)) > 1.5 * find_p_value(LIKE_AN_ECHO)
 
 
 @pytest.mark.parametrize(("below_db", "elevation_deg"), [(0.0, 10.0), (6.0, 40.0), (12.0, 70.0)])
@@ -74,4 +76,4 @@ def test_p_values_are_uniform_below_the_chance_of_an_echo(below_db, elevation_de
 def test_shorter_chips_show_more_echoes_apart():
     # Second signals count from one and a half chips on, so a tenth of the chip lets nearer and more echoes count.
     nearer = LIKE_AN_ECHO._replace(chip_m=0.1 * CHIP_M)
-    assert p_value(LIKE_AN_ECHO) < p_value(nearer) <= 1.0
+    assert find_p_value(LIKE_AN_ECHO) < find_p_value(nearer) <= 1.0

@@ -21,7 +21,7 @@ def clean(seed: int = 0) -> Records:
     return SCENE.records(np.random.default_rng(seed))
 
 
-def with_cells(records: Records, codes_m=None, status=None) -> Records:
+def change_cells(records: Records, codes_m=None, status=None) -> Records:
     (o,) = records.observations
     changes = {name: value for name, value in (("pseudorange_m", codes_m), ("status", status)) if value is not None}
     return replace(records, observations=(replace(o, **changes),))
@@ -51,7 +51,7 @@ def make_torn(seed: int, *, satellites: int, epochs: range, alone: int = 0) -> R
             codes_m[epoch, rng.permutation(codes_m.shape[1])[alone:]] = np.nan
         strays = rng.permutation(chosen)[:2]
         codes_m[epoch, strays] += rng.integers(1, 9, strays.size) * MS_M
-    return with_cells(records, codes_m)
+    return change_cells(records, codes_m)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -86,14 +86,14 @@ def test_ranges_that_no_receiver_measures_count() -> None:
     codes_m, status = o.pseudorange_m.copy(), o.status.copy()
     for epoch, column in ((12, 1), (13, 4), (15, 6), (16, 2), (18, 7)):
         codes_m[epoch, column], status[epoch, column] = np.nan, CellStatus.IMPOSSIBLE
-    assert [e.failed for e in examine(with_cells(records, codes_m, status))] == [False, True, False]
+    assert [e.failed for e in examine(change_cells(records, codes_m, status))] == [False, True, False]
 
 
 def test_a_whole_sky_that_moves_is_no_stray() -> None:
     records = clean()
     codes_m = records.observations[0].pseudorange_m.copy()
     codes_m[12:] += 5e4
-    assert not any(e.failed for e in examine(with_cells(records, codes_m)))
+    assert not any(e.failed for e in examine(change_cells(records, codes_m)))
 
 
 def test_reflections_are_no_strays() -> None:
@@ -101,7 +101,7 @@ def test_reflections_are_no_strays() -> None:
     records = clean()
     codes_m = records.observations[0].pseudorange_m.copy()
     codes_m[:, 4:] += rng.exponential(120.0, codes_m[:, 4:].shape).clip(max=500.0)
-    assert not any(e.failed for e in examine(with_cells(records, codes_m)))
+    assert not any(e.failed for e in examine(change_cells(records, codes_m)))
 
 
 def test_without_a_good_fix_it_cannot_be_tested() -> None:
