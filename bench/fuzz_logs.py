@@ -28,9 +28,9 @@ from skyproof.logs.kinds import LOG_KINDS, LogKind
 from skyproof.logs.orbits import OrbitCollector
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
-from tests.fuzz.mutations import mutated
-from tests.logs.frames import rtcm3_frame, ubx_frame
-from tests.logs.frames import sbf_block as sbf_frame
+from tests.fuzz.mutations import mutate_seed
+from tests.logs.frames import make_rtcm3_frame, make_ubx_frame
+from tests.logs.frames import make_sbf_block as sbf_frame
 
 STREAM: Final = 200
 MOST_S, MOST_BYTES = 5.0, 1 << 30
@@ -96,11 +96,11 @@ def mutate(rng: Random, protocol: Protocol, frame: bytes) -> bytes:
     header, checksum = _HEADERS[protocol]
     content = damage(rng, frame[header : len(frame) - checksum])
     if protocol is Protocol.UBX:
-        return ubx_frame(frame[2], frame[3], content[:8192])
+        return make_ubx_frame(frame[2], frame[3], content[:8192])
     if protocol is Protocol.SBF:
         number = int.from_bytes(frame[4:6], "little")
         return sbf_frame(number & 0x1FFF, content[:60000], number >> 13)
-    return rtcm3_frame(content[:1023])
+    return make_rtcm3_frame(content[:1023])
 
 
 def stream(rng: Random, seeds: dict[Protocol, list[bytes]]) -> bytes:
@@ -119,7 +119,9 @@ def text(rng: Random, lines: Sequence[bytes]) -> bytes:
     """Return an Android log of mutated lines."""
     begin = rng.randrange(max(len(lines) - STREAM, 1))
     head = [line for line in lines[:40] if line.startswith(b"#")]
-    body = [line if rng.random() < 0.25 else mutated(rng, line, lines[:50]) for line in lines[begin : begin + STREAM]]
+    body = [
+        line if rng.random() < 0.25 else mutate_seed(rng, line, lines[:50]) for line in lines[begin : begin + STREAM]
+    ]
     return b"".join([*head, *body])
 
 

@@ -33,9 +33,9 @@ from skyproof.logs.gnsslogger import read_gnsslogger
 from skyproof.logs.stream import read_log
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
-from tests.logs.drone import BOOT_US, DataFlash, px4_flight
-from tests.logs.frames import msm_message, nmea_sentence, sbf_block, ubx_frame
-from tests.logs.phone import HEADER, Measured, raw_line
+from tests.logs.drone import BOOT_US, DataFlash, make_px4_flight
+from tests.logs.frames import make_msm_message, make_nmea_sentence, make_sbf_block, make_ubx_frame
+from tests.logs.phone import HEADER, Measured, make_raw_line
 
 EPOCHS, SIGNALS = 3600, 40
 PEER_EPOCHS = 60
@@ -90,7 +90,7 @@ def _px4_log(seconds: int) -> bytes:
     imu = [(BOOT_US + 5000 * k, rate, force) for k in range(200 * seconds)]
     utc = {"time_utc_usec": 1_700_000_000_000_000, "fix_type": 3}
     epochs = ((BOOT_US + 1_000_000 * k, _ubx_epoch(k), utc) for k in range(seconds))
-    return px4_flight(epochs, imu)
+    return make_px4_flight(epochs, imu)
 
 
 def _ardupilot_log(seconds: int) -> bytes:
@@ -121,7 +121,7 @@ def _parse_dataflash(octets: bytes) -> None:
 
 def _phone() -> Iterator[str]:
     """Rows of a phone's text, beside the bare table of it."""
-    text = "".join(raw_line(row) for k in range(EPOCHS // 2) for row in _phone_epoch(float(k))).encode()
+    text = "".join(make_raw_line(row) for k in range(EPOCHS // 2) for row in _phone_epoch(float(k))).encode()
     octets = HEADER.encode() + text
     blocks = [octets[at : at + BLOCK] for at in range(0, len(octets), BLOCK)]
     whole, table = take_turns(
@@ -158,7 +158,7 @@ def _ubx_epoch(second: int) -> bytes:
         payload += struct.pack(
             "<ddfBBBBHBBBBBB", 2.1e7 + sv, 1.1e8 + sv, 500.0, 2 * gnss, number + 1, 0, 0, 60_000, 44, 3, 2, 4, 7, 0
         )
-    return ubx_frame(0x02, 0x15, payload)
+    return make_ubx_frame(0x02, 0x15, payload)
 
 
 def _sbf_epoch(second: int) -> bytes:
@@ -166,7 +166,7 @@ def _sbf_epoch(second: int) -> bytes:
     for sv in range(1, SIGNALS // 2 + 1):
         payload += struct.pack("<BBBBIiHbBHBB", sv, 0, sv, 4, 4_000_000_000 + sv, -12_345, 77, 3, 140, 600, 0, 1)
         payload += struct.pack("<BBBBbBHHH", 3, 100, 120, 1, 2, 0, 99, 88, 77)
-    return sbf_block(4027, payload, revision=1)
+    return make_sbf_block(4027, payload, revision=1)
 
 
 def _phone_epoch(second: float) -> list[Measured]:
@@ -178,13 +178,13 @@ def _phone_epoch(second: float) -> list[Measured]:
 def _msm_epoch(second: int) -> bytes:
     sats = {sv: (70 + sv, 0, 500 + sv, 100) for sv in range(1, SIGNALS // 4 + 1)}
     cells = {(sv, signal): (10 * sv, 20 * sv, 600, 0, 640, 5 * sv) for sv in sats for signal in (2, 16)}
-    return b"".join(msm_message(number, 1000 * (1000 + second), sats, cells) for number in (1077, 1097))
+    return b"".join(make_msm_message(number, 1000 * (1000 + second), sats, cells) for number in (1077, 1097))
 
 
 def _short_msm_epoch(second: int) -> bytes:
     sats = {sv: (70 + sv, 0, 500 + sv, 100) for sv in range(1, SIGNALS // 4 + 1)}
     cells = {(sv, signal): (10 * sv, 20 * sv, 15, 0, 44) for sv in sats for signal in (2, 16)}
-    return b"".join(msm_message(number, 1000 * (1000 + second), sats, cells) for number in (1074, 1094))
+    return b"".join(make_msm_message(number, 1000 * (1000 + second), sats, cells) for number in (1074, 1094))
 
 
 def _nmea_epoch(second: int) -> bytes:
@@ -197,4 +197,4 @@ def _nmea_epoch(second: int) -> bytes:
         for first in range(1, SIGNALS // 2 + 1, 4):
             sats = "".join(f",{sv:02d},40,123,44" for sv in range(first, first + 4))
             sentences.append(f"{talker}GSV,5,{first // 4 + 1},{SIGNALS // 2}{sats},1")
-    return b"".join(nmea_sentence(text) for text in sentences)
+    return b"".join(make_nmea_sentence(text) for text in sentences)

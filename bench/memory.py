@@ -36,7 +36,7 @@ from skyproof.simulator.scenario import FrontEnd, Scenario, SceneReceiver
 from skyproof.simulator.sky import make_scene
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
-from tests.gnss.later import hours_later
+from tests.gnss.later import extrapolate_hours
 
 START = np.datetime64("2022-01-01T10:30:00", "ns")
 LAT_DEG, LON_DEG, APART_DEG = 57.7, 11.94, 6.7e-4  # 40 m
@@ -170,7 +170,7 @@ def measurements(kind: str, hours: int, folder: Path, receivers: int = 2) -> Non
 
 def _sent_at(e: Ephemeris, hour: int) -> Ephemeris:
     """Return the data set of an hour, whose numbers are those of the message where the logs hold it."""
-    later = hours_later(e, hour)
+    later = extrapolate_hours(e, hour)
     return quantise(later) if e.sat[0] == "G" else later
 
 

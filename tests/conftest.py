@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from hypothesis import settings
-from tests.messages import Message, Recorder, table, unraised
+from tests.messages import Message, Recorder, list_unraised, make_table
 
 from skyproof.interruption import ENDING
 
@@ -63,9 +63,9 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         return
     path, messages = Path(session.config.getoption("--messages")), list(recorder.messages.values())
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(table(messages), encoding="utf-8")
+    path.write_text(make_table(messages), encoding="utf-8")
     report = session.config.pluginmanager.get_plugin("terminalreporter")
-    missing = [f"{site.name}, line {site.first_line}" for site in unraised(messages)]
+    missing = [f"{site.name}, line {site.first_line}" for site in list_unraised(messages)]
     lines = [f"{len(messages)} messages in {path}", *(f"no test raises the error of {name}" for name in missing)]
     for line in lines:
         report.write_line(line)

@@ -21,7 +21,7 @@ import skyproof
 from skyproof import cli, errors
 from skyproof.errors import SkyproofError
 
-__all__ = ["NEVER_RAISED", "Message", "Recorder", "Site", "sites", "table", "unraised"]
+__all__ = ["NEVER_RAISED", "Message", "Recorder", "Site", "list_sites", "list_unraised", "make_table"]
 
 SOURCE = Path(skyproof.__file__).parent
 COMMAND_LINE = "command line"
@@ -44,8 +44,8 @@ class Message:
 
     @property
     def key(self) -> tuple[str, str, int, str]:
-        """The same for messages that differ in numbers, quoted words and folders only."""
-        words = re.sub(r"\S+ is not a known key; did you mean \S+", "…", without_folders(self.words))
+        """Return the same key for messages that differ in numbers, quoted words and folders only."""
+        words = re.sub(r"\S+ is not a known key; did you mean \S+", "…", shorten_paths(self.words))
         words = re.sub(r"\"[^\"]*\"|'[^']*'", "…", words)
         return self.error, self.file, self.line, re.sub(r"\d+(\.\d+)?(e[+-]?\d+)?", "0", words)[:120]
 
@@ -102,13 +102,13 @@ class Recorder:
         self.messages.setdefault(message.key, message)
 
     def sent(self) -> list[dict[str, object]]:
-        """What another process can take with `add`."""
+        """Return what another process can take with `add`."""
         return [asdict(message) for message in self.messages.values()]
 
 
 @cache
-def sites() -> tuple[Site, ...]:
-    """Every place of the source that makes a SkyproofError, by file and line."""
+def list_sites() -> tuple[Site, ...]:
+    """List every place of the source that makes a SkyproofError, by file and line."""
     texts = {path: path.read_text(encoding="utf-8") for path in sorted(SOURCE.rglob("*.py"))}
     names = {name for name, value in vars(errors).items() if isinstance(value, type)}
     for text in texts.values():  # a room may have an error of its own
@@ -116,29 +116,29 @@ def sites() -> tuple[Site, ...]:
     found: list[Site] = []
     for path, text in texts.items():
         if any(name in text for name in names):
-            found += _sites_in(ast.parse(text), path.relative_to(SOURCE).as_posix(), names)
+            found += _list_sites_in(ast.parse(text), path.relative_to(SOURCE).as_posix(), names)
     return tuple(found)
 
 
-def _sites_in(node: ast.AST, file: str, names: set[str], function: str = "") -> Iterator[Site]:
+def _list_sites_in(node: ast.AST, file: str, names: set[str], function: str = "") -> Iterator[Site]:
     for child in ast.iter_child_nodes(node):
         inner = child.name if isinstance(child, ast.FunctionDef | ast.ClassDef) else function
         if isinstance(child, ast.Call) and isinstance(child.func, ast.Name) and child.func.id in names:
             yield Site(file, function, child.lineno, child.end_lineno or child.lineno)
-        yield from _sites_in(child, file, names, inner)
+        yield from _list_sites_in(child, file, names, inner)
 
 
-def unraised(messages: list[Message]) -> list[Site]:
-    """Places whose error was not seen and that have no reason for it."""
+def list_unraised(messages: list[Message]) -> list[Site]:
+    """List places whose error was not seen and that have no reason for it."""
     return [
         site
-        for site in sites()
+        for site in list_sites()
         if site.name not in NEVER_RAISED and not any(site.made(message) for message in messages)
     ]
 
 
-def table(messages: list[Message]) -> str:
-    """All messages in Markdown, by the file of the source that makes them."""
+def make_table(messages: list[Message]) -> str:
+    """Make a table of all messages in Markdown, by the file of the source that makes them."""
     seen = sorted(messages, key=lambda m: (m.file, m.line, m.words))
     lines = [
         "# Messages",
@@ -153,20 +153,20 @@ def table(messages: list[Message]) -> str:
         for message in (m for m in seen if m.file == file):
             places[message.line] = places.get(message.line, 0) + 1
             if places[message.line] <= SHOWN or file == COMMAND_LINE:
-                cells = (message.error, without_folders(message.words), str(message.line or ""), message.test)
-                lines.append(f"| {' | '.join(map(_cell, cells))} |")
+                cells = (message.error, shorten_paths(message.words), str(message.line or ""), message.test)
+                lines.append(f"| {' | '.join(map(_make_cell, cells))} |")
     if NEVER_RAISED:
         lines += ["", "## Raised by no test", "", "| place | why |", "|---|---|"]
-        lines += [f"| {_cell(place)} | {_cell(why)} |" for place, why in NEVER_RAISED.items()]
+        lines += [f"| {_make_cell(place)} | {_make_cell(why)} |" for place, why in NEVER_RAISED.items()]
     return "\n".join(lines) + "\n"
 
 
-def without_folders(words: str) -> str:
-    """Paths by their last part: the folders are those of one machine."""
+def shorten_paths(words: str) -> str:
+    """Shorten paths to their last part: the folders are those of one machine."""
     return re.sub(r"(?<![\w.`])(?:/[^\s/:;,'\"()`]+)+/(?=[^\s/])", "", words)
 
 
-def _cell(text: str) -> str:
-    """As it is, on one line, whatever signs of Markdown are in it."""
+def _make_cell(text: str) -> str:
+    """Return the words on one line, whatever signs of Markdown are in them."""
     plain = "".join(sign if sign.isprintable() else "�" for sign in " ".join(text.split()))
     return re.sub(r"[|`*\\]", lambda sign: f"&#{ord(sign[0])};", html.escape(plain, quote=False))

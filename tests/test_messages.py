@@ -12,7 +12,16 @@ import numpy as np
 import pytest
 from pydantic import BaseModel, Field, ValidationError
 from tests.facts import match_facts
-from tests.messages import NEVER_RAISED, Message, Site, _sites_in, sites, table, unraised, without_folders
+from tests.messages import (
+    NEVER_RAISED,
+    Message,
+    Site,
+    _list_sites_in,
+    list_sites,
+    list_unraised,
+    make_table,
+    shorten_paths,
+)
 
 from skyproof import cli
 from skyproof.app.common.platform import read_platform
@@ -322,30 +331,30 @@ def test_messages_that_differ_in_numbers_only_are_one() -> None:
 
 
 def test_the_table_shows_messages_as_printed_without_folders() -> None:
-    text = table([MESSAGE])
+    text = make_table([MESSAGE])
     assert "## formats/a.py" in text
     assert "| InputError | rx1.bin: 7 of 8 &#124; &#42;bytes&#42;; mend it | 12 | tests/a.py::test |" in text
 
 
 def test_folders_are_left_out_and_other_strokes_stay() -> None:
-    assert without_folders("`/a/b/c d.bin`: 3 m/s, ENU/N/U; and/or") == "`/a/b/c d.bin`: 3 m/s, ENU/N/U; and/or"
-    assert without_folders("no /a/b/c.bin beside it, /a/b") == "no c.bin beside it, b"
+    assert shorten_paths("`/a/b/c d.bin`: 3 m/s, ENU/N/U; and/or") == "`/a/b/c d.bin`: 3 m/s, ENU/N/U; and/or"
+    assert shorten_paths("no /a/b/c.bin beside it, /a/b") == "no c.bin beside it, b"
 
 
 def test_a_place_whose_error_was_not_seen_is_reported() -> None:
-    seen = [Message("InputError", site.file, site.first_line, "", "") for site in sites()]
+    seen = [Message("InputError", site.file, site.first_line, "", "") for site in list_sites()]
     assert len(seen) > 150
-    assert unraised(seen) == []
-    left_out = next(site for site in sites() if site.name not in NEVER_RAISED)
-    missing = unraised([message for message in seen if not left_out.made(message)])
+    assert list_unraised(seen) == []
+    left_out = next(site for site in list_sites() if site.name not in NEVER_RAISED)
+    missing = list_unraised([message for message in seen if not left_out.made(message)])
     assert [site.name for site in missing] == [left_out.name]
 
 
 def test_a_place_is_found_wherever_the_error_is_made() -> None:
     code = "def f():\n    if x:\n        raise InputError(\n            'a')\n    faults.append(InputError('b'))\n"
-    found: Iterator[Site] = _sites_in(ast.parse(code), "a.py", {"InputError"})
+    found: Iterator[Site] = _list_sites_in(ast.parse(code), "a.py", {"InputError"})
     assert list(found) == [Site("a.py", "f", 3, 4), Site("a.py", "f", 5, 5)]
 
 
 def test_reasons_are_given_for_places_that_exist() -> None:
-    assert set(NEVER_RAISED) <= {site.name for site in sites()}
+    assert set(NEVER_RAISED) <= {site.name for site in list_sites()}

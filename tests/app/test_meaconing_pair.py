@@ -126,7 +126,7 @@ def truth(shared_data):
 def protect_once(shared_data, truth, made_once):
     """Run the command once for each set of arguments; stdout.json holds what it printed."""
 
-    def protected(name: str, *options: str, receivers: tuple[str, ...] = RECEIVERS, nav: bool = True) -> Run:
+    def protect(name: str, *options: str, receivers: tuple[str, ...] = RECEIVERS, nav: bool = True) -> Run:
         def fill(folder: Path) -> None:
             data = shared_data / "rf"
             argv = ["protect", *(str(data / "meaconing-pair" / f"{r}.bin") for r in receivers), *options, "--json"]
@@ -138,7 +138,7 @@ def protect_once(shared_data, truth, made_once):
 
         return Run(made_once(f"meaconing-pair-{name}", fill), truth)
 
-    return protected
+    return protect
 
 
 @pytest.fixture(scope="session")

@@ -20,36 +20,36 @@ RATE_HZ = 4e6
 NO_TMP_PER_EXAMPLE = [HealthCheck.function_scoped_fixture]
 
 
-def stored_type(datatype):
+def find_stored_type(datatype):
     order = ">" if datatype.endswith("_be") else "<"
     return np.dtype(f"{order}{datatype[1]}{int(datatype[2:].split('_')[0]) // 8}")
 
 
-def numbers_of(datatype, shape, seed=1):
-    """Numbers over the whole range of the type, as stored."""
-    dtype, rng = stored_type(datatype), np.random.default_rng(seed)
+def draw_numbers(datatype, shape, seed=1):
+    """Draw numbers over the whole range of the type, as stored."""
+    dtype, rng = find_stored_type(datatype), np.random.default_rng(seed)
     if dtype.kind == "f":
         return rng.normal(size=shape).astype(np.float32).astype(dtype)
     limits = np.iinfo(dtype)
     return rng.integers(limits.min, limits.max, shape, endpoint=True, dtype=dtype.newbyteorder("=")).astype(dtype)
 
 
-def planes_of(stored):
-    """What samples (n, numbers) mean, float32 of shape (2, n): the slow way, number by number."""
+def read_planes(stored):
+    """Convert samples (n, numbers) to float32 of shape (2, n), number by number: the slow way."""
 
-    def value(number):
+    def find_value(number):
         if stored.dtype.kind != "u":
             return float(number)
         return float(2 * int(number) - (2 ** (8 * stored.dtype.itemsize) - 1))
 
     planes = np.zeros((2, len(stored)), np.float32)
     for row, column in zip(planes, stored.T, strict=False):
-        row[:] = [value(number) for number in column]
+        row[:] = [find_value(number) for number in column]
     return planes
 
 
-def meta_of(datatype="ci8", *, captures=None, annotations=(), **more):
-    """Metadata; keys of the global object by their names, skyproof__if_hz for skyproof:if_hz."""
+def make_meta(datatype="ci8", *, captures=None, annotations=(), **more):
+    """Make metadata; keys of the global object by their names, skyproof__if_hz for skyproof:if_hz."""
     keys = {(k.replace("__", ":") if "__" in k else f"core:{k}"): v for k, v in more.items()}
     if datatype[0] == "r":
         keys = {"skyproof:if_hz": 1e6} | keys
@@ -68,18 +68,18 @@ def write(folder, meta, octets, name="rec"):
     return path
 
 
-def noise(n_samples, seed=1):
+def draw_noise(n_samples, seed=1):
     return np.random.default_rng(seed).normal(0.0, 20.0, (n_samples, 2)).round().clip(-127, 127).astype(np.int8)
 
 
-def attempt(path):
-    """The recordings, and what was said if they were refused."""
+def try_read(path):
+    """Return the recordings, and the error if they were refused."""
     try:
         return open_sigmf(path), ""
     except InputError as error:
         return (), str(error)
 
 
-def one(path):
+def read_one(path):
     (samples,) = open_sigmf(path)
     return samples

@@ -34,13 +34,13 @@ def write_run(folder: Path, run: str, names: tuple[str, ...] = NAMES, fails: str
     return write_in_turn(folder, steps, ahead=2, instead_of=["only-old.obs", *NAMES])
 
 
-def killed_at(step: int, write: object) -> int:
-    """Run `write` in a process that is killed at its `step`-th change of a name; how it ended."""
+def kill_at(step: int, write: object) -> int:
+    """Run `write` in a process that is killed at its `step`-th change of a name; return how it ended."""
     child = os.fork()
     if child == 0:
         done = 0
 
-        def counted(change: object) -> object:
+        def count_changes(change: object) -> object:
             def changed(*arguments: object, **options: object) -> object:
                 nonlocal done
                 done += 1
@@ -50,13 +50,17 @@ def killed_at(step: int, write: object) -> int:
 
             return changed
 
-        os.replace, Path.unlink, os.rmdir = counted(os.replace), counted(Path.unlink), counted(os.rmdir)
+        os.replace, Path.unlink, os.rmdir = (
+            count_changes(os.replace),
+            count_changes(Path.unlink),
+            count_changes(os.rmdir),
+        )
         write()
         os._exit(0)
     return os.waitpid(child, 0)[1]
 
 
-def texts(folder: Path) -> dict[str, str]:
+def read_texts(folder: Path) -> dict[str, str]:
     return {path.name: path.read_text().strip() for path in folder.iterdir() if path.is_file()}
 
 
@@ -68,8 +72,8 @@ def test_a_kill_never_leaves_an_old_file_beside_a_new_one(tmp_path):
         write_run(folder, "old")
         (folder / "only-old.obs").write_text("old")
         (folder / "mine.txt").write_text("mine")
-        status = killed_at(step, lambda folder=folder: write_run(folder, "new"))
-        result = texts(folder)
+        status = kill_at(step, lambda folder=folder: write_run(folder, "new"))
+        result = read_texts(folder)
         assert result.pop("mine.txt") == "mine"
         assert set(result.values()) in ({"old"}, {"new"}, set()), f"at step {step}"
         assert "verdict.json" not in result or {"verdict.json", "report.html"} <= set(result), f"at step {step}"
@@ -91,7 +95,7 @@ def test_an_early_interruption_leaves_all_unchanged(tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         write_in_turn(tmp_path, [OutputStep(("a.csv",), interrupt)], instead_of=NAMES)
-    assert texts(tmp_path) == dict.fromkeys(NAMES, "old")
+    assert read_texts(tmp_path) == dict.fromkeys(NAMES, "old")
     assert len(list(tmp_path.iterdir())) == len(NAMES)
 
 
@@ -109,14 +113,14 @@ def test_a_file_that_cannot_be_written_costs_itself_and_the_sums(tmp_path, fails
     names = (*NAMES[:3], "b.csv", "c.csv", "sums")
     unwritten = write_run(tmp_path, "new", names, fails)
     assert [name for each in unwritten for name in each.names] == missing
-    assert texts(tmp_path) == dict.fromkeys(sorted({*names} - {*missing}), "new")
+    assert read_texts(tmp_path) == dict.fromkeys(sorted({*names} - {*missing}), "new")
 
 
 def test_without_room_for_the_first_file_what_was_there_stays(tmp_path):
     write_run(tmp_path, "old")
     (unwritten, rest) = write_run(tmp_path, "new", fails="verdict.json")
     assert (unwritten.names, set(rest.names)) == (("verdict.json",), set(NAMES[1:]))
-    assert texts(tmp_path) == dict.fromkeys(NAMES, "old")
+    assert read_texts(tmp_path) == dict.fromkeys(NAMES, "old")
 
 
 def test_a_folder_that_takes_nothing_loses_nothing(tmp_path, monkeypatch):
@@ -124,7 +128,7 @@ def test_a_folder_that_takes_nothing_loses_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(atomic_write, "UNFINISHED", "report.html")  # a file stands in the way
     unwritten = write_run(tmp_path, "new")
     assert {name for each in unwritten for name in each.names} == set(NAMES)
-    assert set(texts(tmp_path).values()) == {"old"}
+    assert set(read_texts(tmp_path).values()) == {"old"}
 
 
 def test_missing_files_are_named_with_one_cause(tmp_path):
@@ -149,13 +153,13 @@ def test_remains_of_killed_writers_go_and_of_live_ones_stay(tmp_path):
             file.flush()
             os.kill(os.getpid(), signal.SIGKILL)
 
-    assert killed_at(99, half) == signal.SIGKILL
+    assert kill_at(99, half) == signal.SIGKILL
     assert [path.suffix for path in tmp_path.iterdir()] == [".part"]
     with write_whole(tmp_path / "[x].bin") as file:
         file.write(b"one")
         write_lines(tmp_path / "[x].bin", ["another"])
         assert len(list(tmp_path.iterdir())) == 2
-    assert texts(tmp_path) == {"[x].bin": "one"}
+    assert read_texts(tmp_path) == {"[x].bin": "one"}
 
 
 @given(st.text(st.characters(exclude_characters="/\0", exclude_categories=["Cs"]), min_size=1, max_size=255))
@@ -168,5 +172,5 @@ def test_a_file_of_any_name_that_the_system_takes_is_written(tmp_path_factory, n
             write_lines(folder / name, ["x"])
     else:
         write_lines(folder / name, ["x"])
-        assert texts(folder) == {name: "x"}
+        assert read_texts(folder) == {name: "x"}
     assert atomic_write.UNFINISHED not in os.listdir(folder)

@@ -13,7 +13,7 @@ START = np.datetime64("2022-01-01T10:29:58", "ns")
 ANGLES_DEG = np.column_stack([np.arange(350.0, 359.0), np.linspace(-3.0, 3.0, 9), np.linspace(179.0, -179.0, 9)])
 
 
-def written(folder, angles_deg=ANGLES_DEG, ending=".csv"):
+def write_angles(folder, angles_deg=ANGLES_DEG, ending=".csv"):
     path = folder / f"attitude{ending}"
     gpst = START + np.arange(len(angles_deg)) * np.timedelta64(200, "ms")
     write_table(path, {"gpst": gpst, **dict(zip(COLUMNS, np.asarray(angles_deg).T, strict=True))})
@@ -22,7 +22,7 @@ def written(folder, angles_deg=ANGLES_DEG, ending=".csv"):
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
 def test_angles_that_are_written_come_back(tmp_path, ending):
-    found = read_attitude(written(tmp_path, ending=ending))
+    found = read_attitude(write_angles(tmp_path, ending=ending))
     attitude = found.attitude(np.datetime64("NaT"), 0.01)
     assert attitude.gpst[0] == START
     assert attitude.gpst[-1] == START + np.timedelta64(1600, "ms")
@@ -42,19 +42,19 @@ def test_times_from_a_start_count_from_the_one_given(tmp_path):
 def test_rows_without_an_angle_are_left_out_and_reported(tmp_path):
     angles = ANGLES_DEG.copy()
     angles[3, 1] = angles[7, 0] = np.nan
-    found = read_attitude(written(tmp_path, angles))
+    found = read_attitude(write_angles(tmp_path, angles))
     assert len(found.angles_rad) == 7
     assert [re.findall(r"\d+", remark) for remark in found.remarks] == [["2"]]
     with pytest.raises(InputError, match=r"\b1 rows.*\[attitude\]"):
-        read_attitude(written(tmp_path, ANGLES_DEG[:1]))
+        read_attitude(write_angles(tmp_path, ANGLES_DEG[:1]))
 
 
 def test_angles_that_are_none_are_refused_radians_suspected(tmp_path):
     angles = ANGLES_DEG.copy()
     angles[4, 1] = 91.0
     with pytest.raises(InputError, match=r"line 6, pitch_deg: 91, .*\b90\b"):
-        read_attitude(written(tmp_path, angles))
+        read_attitude(write_angles(tmp_path, angles))
     circle = np.column_stack([np.linspace(0.0, 6.2, 50), np.zeros(50), np.zeros(50)])
-    (remark,) = read_attitude(written(tmp_path, circle)).remarks
+    (remark,) = read_attitude(write_angles(tmp_path, circle)).remarks
     assert "radians" in remark
-    assert not read_attitude(written(tmp_path, np.degrees(circle))).remarks
+    assert not read_attitude(write_angles(tmp_path, np.degrees(circle))).remarks

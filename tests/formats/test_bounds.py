@@ -12,13 +12,13 @@ from tests.formats.test_rinex_nav import GLONASS_RECORD, GPS_RECORD, VERSION_2, 
 from tests.formats.test_rinex_obs_read import (
     HEADER_2,
     HEADER_3,
-    cell,
-    epoch_2,
-    epoch_3,
-    line,
-    parsed,
-    record_2,
-    sat_3,
+    make_line,
+    parse_lines,
+    write_cell,
+    write_epoch_2,
+    write_epoch_3,
+    write_record_2,
+    write_sat_3,
 )
 from tests.fuzz.readers import READERS
 
@@ -229,9 +229,9 @@ def test_signs_that_only_look_like_digits_are_damage() -> None:
 
 
 def test_an_epoch_in_2999_costs_itself() -> None:
-    whole = [*epoch_3(37.0, [sat_3("G05")]), *epoch_3(38.0, [sat_3("G05", 1.0)])]
-    late = [text.replace("> 2024", "> 2999") for text in epoch_3(37.5, [sat_3("G05", 2.0)])]
-    file = parsed([*HEADER_3, *whole, *late])
+    whole = [*write_epoch_3(37.0, [write_sat_3("G05")]), *write_epoch_3(38.0, [write_sat_3("G05", 1.0)])]
+    late = [text.replace("> 2024", "> 2999") for text in write_epoch_3(37.5, [write_sat_3("G05", 2.0)])]
+    file = parse_lines([*HEADER_3, *whole, *late])
     assert file.observations.gpst.size == 2
     assert any(remark.startswith("line 13: ") for remark in file.remarks)
 
@@ -239,16 +239,18 @@ def test_an_epoch_in_2999_costs_itself() -> None:
 @pytest.mark.parametrize("count", [" -9", "  ²", "1e9"])
 @pytest.mark.parametrize("flag", [0, 4])
 def test_a_count_that_is_none_costs_its_epoch(count: str, flag: int) -> None:
-    good = [*epoch_2(0.0, ["G 3"]), *record_2(1.0)]
-    bad = [text[:29] + count + text[32:] for text in epoch_2(1.0, ["G 3"], flag=flag)]
-    file = parsed([*HEADER_2, *good, *bad, *record_2(2.0), *epoch_2(2.0, ["G 3"]), *record_2(3.0)])
+    good = [*write_epoch_2(0.0, ["G 3"]), *write_record_2(1.0)]
+    bad = [text[:29] + count + text[32:] for text in write_epoch_2(1.0, ["G 3"], flag=flag)]
+    file = parse_lines(
+        [*HEADER_2, *good, *bad, *write_record_2(2.0), *write_epoch_2(2.0, ["G 3"]), *write_record_2(3.0)]
+    )
     assert file.observations.gpst.size == 2
     assert any("whole epoch" in remark for remark in file.remarks)
 
 
 def test_a_damaged_number_of_types_keeps_all_that_are_named() -> None:
     header = [text.replace("G    4 ", "G    x ") for text in HEADER_3]
-    assert parsed([*header, *epoch_3(37.0, [sat_3("G05")])]).observations.cn0_dbhz[0, 0] == 44.0
+    assert parse_lines([*header, *write_epoch_3(37.0, [write_sat_3("G05")])]).observations.cn0_dbhz[0, 0] == 44.0
 
 
 @pytest.mark.parametrize(
@@ -256,12 +258,14 @@ def test_a_damaged_number_of_types_keeps_all_that_are_named() -> None:
     [("       nan", "INTERVAL"), (" 1 R01 99", "GLONASS SLOT / FRQ #"), (f"{'1e308':>14}" * 3, "APPROX POSITION XYZ")],
 )
 def test_a_header_line_that_makes_no_sense_is_left_out(text: str, label: str) -> None:
-    file = parsed([HEADER_3[0], line(text, label), *HEADER_3[1:], *epoch_3(37.0, [sat_3("G05")])])
+    file = parse_lines([HEADER_3[0], make_line(text, label), *HEADER_3[1:], *write_epoch_3(37.0, [write_sat_3("G05")])])
     assert any(remark.startswith(f"line 2: {label} ") for remark in file.remarks)
 
 
 def test_many_damaged_header_lines_are_counted_not_listed() -> None:
-    file = parsed([HEADER_3[0], *[line("x", "LEAP SECONDS")] * 40, *HEADER_3[1:], *epoch_3(37.0, [sat_3("G05")])])
+    file = parse_lines(
+        [HEADER_3[0], *[make_line("x", "LEAP SECONDS")] * 40, *HEADER_3[1:], *write_epoch_3(37.0, [write_sat_3("G05")])]
+    )
     assert any(remark.startswith("30 further ") for remark in file.remarks)
 
 
@@ -273,15 +277,15 @@ def test_hardly_more_than_empty_lines_are_refused() -> None:
 def test_few_cells_in_many_epochs_of_many_signals_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rinex_obs_read, "EMPTY_CELLS", 100)
     sats = [f"G{number:02d}" for number in range(1, 33)]
-    lines = [text for k, sat in enumerate(sats) for text in epoch_3(float(k), [sat + cell(2e7)])]
+    lines = [text for k, sat in enumerate(sats) for text in write_epoch_3(float(k), [sat + write_cell(2e7)])]
     with pytest.raises(InputError, match=r"32 epochs.*32 signals.*32 cells"):
-        parsed([*HEADER_3, *lines])
+        parse_lines([*HEADER_3, *lines])
 
 
 def test_records_that_are_mostly_absent_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rinex_obs_read, "EMPTY_CELLS", -10_000)
     with pytest.raises(InputError, match=r"\b1 records.*\b4 types.*\d+ bytes"):
-        parsed([*HEADER_3, *epoch_3(37.0, [sat_3("G05")])])
+        parse_lines([*HEADER_3, *write_epoch_3(37.0, [write_sat_3("G05")])])
 
 
 # --- compact observations

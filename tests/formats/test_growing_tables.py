@@ -18,7 +18,7 @@ COLUMNS = {
 }
 
 
-def blocks(*edges):
+def make_blocks(*edges):
     return [{name: column[a:b] for name, column in COLUMNS.items()} for a, b in pairwise(edges)]
 
 
@@ -26,7 +26,7 @@ def blocks(*edges):
 def test_blocks_of_any_size_make_the_same_table(tmp_path, edges):
     paths = [tmp_path / "t.csv", tmp_path / "t.parquet"]
     with open_growing_tables(paths, {"grade": "tactical"}) as take:
-        for block in blocks(*edges):
+        for block in make_blocks(*edges):
             take(block)
     with open(paths[0], newline="") as file:
         rows = list(csv.DictReader(file))
@@ -43,7 +43,7 @@ def test_blocks_of_any_size_make_the_same_table(tmp_path, edges):
 
 def test_no_rows_keep_the_columns(tmp_path):
     with open_growing_tables([tmp_path / "t.csv", tmp_path / "t.parquet"]) as take:
-        take(blocks(0, 0)[0])
+        take(make_blocks(0, 0)[0])
     assert (tmp_path / "t.csv").read_text() == "gpst,sat,range_m,n\n"
     assert pq.read_table(tmp_path / "t.parquet").column_names == ["gpst", "sat", "range_m", "n"]
 
@@ -52,7 +52,7 @@ def test_no_rows_keep_the_columns(tmp_path):
 def test_what_is_interrupted_leaves_nothing(tmp_path, error):
     def write():
         with open_growing_tables([tmp_path / "t.csv", tmp_path / "t.parquet"]) as take:
-            take(blocks(0, 4)[0])
+            take(make_blocks(0, 4)[0])
             raise error
 
     with pytest.raises(error):

@@ -17,7 +17,7 @@ N = 1000
 STARTS = GPS_EPOCH, GPS_EPOCH + np.timedelta64(5, "s")
 
 
-def file_of(n=N, *, dated=False):
+def write_file(n=N, *, dated=False):
     rng = np.random.default_rng(3)
     return ImuFile(
         source="imu.csv",
@@ -30,7 +30,7 @@ def file_of(n=N, *, dated=False):
     )
 
 
-def same(one, other):
+def assert_same(one, other):
     assert one.interval_s == other.interval_s
     for name in ("gpst", "specific_force_m_s2", "angular_rate_rad_s"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
@@ -43,20 +43,20 @@ def same(one, other):
     dated=st.booleans(),
 )
 def test_a_slice_that_is_read_back_is_that_of_the_whole(each, cuts, dated):
-    whole = file_of(dated=dated)
+    whole = write_file(dated=dated)
     with patch.object(imu_pieces, "PIECE_READINGS", each):
         stored = StoredImuFile(whole, Workspace())
     for zero in STARTS:
         of_whole, of_pieces = whole.series(zero), stored.series(zero)
         np.testing.assert_array_equal(of_pieces.gpst, of_whole.gpst)
         for first, stop in cuts:
-            same(of_pieces.select(slice(first, stop)), of_whole.select(slice(first, stop)))
+            assert_same(of_pieces.select(slice(first, stop)), of_whole.select(slice(first, stop)))
 
 
 @pytest.mark.parametrize(("n", "kind"), [(N - 1, ImuFile), (N, ImuFile), (N + 1, StoredImuFile)])
 def test_few_readings_stay_in_memory(n, kind):
     with patch.object(imu_pieces, "HELD_READINGS", N):
-        kept = store_readings(file_of(n), Workspace())
+        kept = store_readings(write_file(n), Workspace())
     assert type(kept) is kind
     assert (kept.source, kept.remarks, kept.interval_s) == ("imu.csv", ("one",), 0.01)
 
@@ -64,7 +64,7 @@ def test_few_readings_stay_in_memory(n, kind):
 def test_no_values_stay_at_hand(tmp_path):
     # Of each reading its time alone, once for the unit and the body that share it.
     with patch.object(imu_pieces, "PIECE_READINGS", 100):
-        stored = StoredImuFile(file_of(), Workspace(tmp_path))
+        stored = StoredImuFile(write_file(), Workspace(tmp_path))
     one, other = stored.series(GPS_EPOCH), stored.series(GPS_EPOCH)
     assert isinstance(one, StoredReadings)
     assert one.gpst is other.gpst

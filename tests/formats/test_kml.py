@@ -15,20 +15,20 @@ def track(n_points=3, lat_deg=59.41):
     return gpst, lat_deg + 1e-5 * np.arange(n_points), np.full(n_points, -16.88), np.full(n_points, 52.125)
 
 
-def document(tracks, **more):
+def make_document(tracks, **more):
     root = ElementTree.fromstring("\n".join(write_kml_lines(tracks, **more)).encode())
     assert root.tag == f"{KML}kml"
     assert len(root) == 1
     return root[0]
 
 
-def placemarks(tracks):
-    return {p.findtext(f"{KML}name"): p for p in document(tracks).iter(f"{KML}Placemark")}
+def list_placemarks(tracks):
+    return {p.findtext(f"{KML}name"): p for p in make_document(tracks).iter(f"{KML}Placemark")}
 
 
 def test_every_kind_is_a_placemark_with_a_style_of_its_own():
-    found = placemarks({"trusted": track(), "false": track(4), "unprotected": track(5)})
-    styles = {s.get("id"): s for s in document({}).iter(f"{KML}Style")}
+    found = list_placemarks({"trusted": track(), "false": track(4), "unprotected": track(5)})
+    styles = {s.get("id"): s for s in make_document({}).iter(f"{KML}Style")}
     assert list(found) == ["trusted", "false", "unprotected"]
     assert [p.findtext(f"{KML}styleUrl") for p in found.values()] == ["#trusted", "#false", "#unprotected"]
     colours = {styles[name].findtext(f"{KML}LineStyle/{KML}color") for name in found}
@@ -37,7 +37,7 @@ def test_every_kind_is_a_placemark_with_a_style_of_its_own():
 
 
 def test_points_carry_utc_and_longitude_first():
-    (placemark,) = placemarks({"rx1 trusted": track()}).values()
+    (placemark,) = list_placemarks({"rx1 trusted": track()}).values()
     points = placemark.find(f"{GX}Track")
     assert points.findtext(f"{KML}when") == "2022-01-01T21:45:40.500Z"  # GPS time is 18 s ahead
     assert points.findtext(f"{GX}coord") == "-16.880000000 59.410000000 52.125"
@@ -48,7 +48,7 @@ def test_points_carry_utc_and_longitude_first():
 def test_points_without_a_position_and_empty_tracks_are_left_out():
     gpst, lat_deg, lon_deg, height_m = track()
     lat_deg[1] = np.nan
-    found = placemarks({"trusted": (gpst, lat_deg, lon_deg, height_m), "false": track(0)})
+    found = list_placemarks({"trusted": (gpst, lat_deg, lon_deg, height_m), "false": track(0)})
     assert list(found) == ["trusted"]
     assert len(found["trusted"].findall(f"{GX}Track/{KML}when")) == 2
     assert len(found["trusted"].findall(f"{GX}Track/{GX}coord")) == 2
@@ -56,7 +56,7 @@ def test_points_without_a_position_and_empty_tracks_are_left_out():
 
 def test_names_of_any_kind_stay_valid_xml():
     name = 'a<b>&"c"\x00\x1f rx'
-    found = document({f"{name} false": track()}, name=name)
+    found = make_document({f"{name} false": track()}, name=name)
     assert found.findtext(f"{KML}name") == 'a<b>&"c"   rx'
 
 

@@ -23,14 +23,14 @@ assert WINDOW.navigation is not None
 FIX = fix(WHOLE, WINDOW.navigation)
 
 
-def on_a_disk(whole):
+def write_whole(whole):
     log = ObservationSpool(Workspace(), whole.receiver)
     for first, stop in ((0, 7), (7, 20)):
         log.append(whole.read(first, stop))
     return log
 
 
-@pytest.mark.parametrize("held", [lambda o: o, on_a_disk], ids=["in memory", "on a disk"])
+@pytest.mark.parametrize("held", [lambda o: o, write_whole], ids=["in memory", "on a disk"])
 def test_a_frame_has_a_row_for_each_tracked_cell(held):
     frame = to_dataframe(held(GONE))
     rows, channels = np.nonzero(GONE.status != CellStatus.NOT_TRACKED)
@@ -43,7 +43,7 @@ def test_a_frame_has_a_row_for_each_tracked_cell(held):
     assert set(frame.receiver) == {GONE.receiver}
 
 
-@pytest.mark.parametrize("held", [lambda o: o, on_a_disk], ids=["in memory", "on a disk"])
+@pytest.mark.parametrize("held", [lambda o: o, write_whole], ids=["in memory", "on a disk"])
 def test_a_dataset_has_every_cell_by_time_and_signal(held):
     data = to_xarray(held(GONE))
     assert data.sizes == {"gpst": 20, "signal": len(GONE.signals)}

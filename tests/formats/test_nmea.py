@@ -14,8 +14,8 @@ FIELDS = {"GGA": 14, "RMC": 12, "GST": 8, "TXT": 4}  # NMEA 0183 (RMC with the m
 ANGLE = re.compile(r"(\d{2,3})(\d\d\.\d+)")
 
 
-def fields_of(sentence, talker="GP"):
-    """Type and fields, after the checks that any reader makes."""
+def split_fields(sentence, talker="GP"):
+    """Check a sentence as any reader does, and return its type and fields."""
     assert sentence.isascii()
     assert len(sentence) + 2 <= 82
     match = re.fullmatch(r"\$([^*$]+)\*([0-9A-F]{2})", sentence)
@@ -29,67 +29,67 @@ def fields_of(sentence, talker="GP"):
     return kind[2:], fields
 
 
-def angle(text, side):
+def parse_angle(text, side):
     degrees, minutes = ANGLE.fullmatch(text).groups()
     assert float(minutes) < 60.0
     return (int(degrees) + float(minutes) / 60.0) * (-1 if side in "SW" else 1)
 
 
-def epoch(utc="2022-01-01T21:45:58", lat_deg=59.41, lon_deg=16.88, height_m=52.3142, satellites=9, **more):
+def make_epoch(utc="2022-01-01T21:45:58", lat_deg=59.41, lon_deg=16.88, height_m=52.3142, satellites=9, **more):
     gpst = np.array([gpst_from_utc(np.datetime64(utc))])
     sentences = list(write_nmea_sentences(gpst, [lat_deg], [lon_deg], [height_m], [satellites], **more))
-    found = [fields_of(sentence, more.get("talker", "GP")) for sentence in sentences]
+    found = [split_fields(sentence, more.get("talker", "GP")) for sentence in sentences]
     return [kind for kind, _ in found], dict(found)
 
 
 def test_the_sentences_of_an_epoch_come_in_order():
-    assert epoch()[0] == ["GGA", "RMC", "TXT"]
+    assert make_epoch()[0] == ["GGA", "RMC", "TXT"]
     sigmas = {"sigma_east_m": 1.0, "sigma_north_m": 2.0, "sigma_up_m": 3.0}
-    assert epoch(**sigmas)[0] == ["GGA", "RMC", "GST", "TXT"]
-    assert epoch(**sigmas, geoid_separation_m=25.0)[0] == ["GGA", "RMC", "GST"]
+    assert make_epoch(**sigmas)[0] == ["GGA", "RMC", "GST", "TXT"]
+    assert make_epoch(**sigmas, geoid_separation_m=25.0)[0] == ["GGA", "RMC", "GST"]
 
 
 @given(st.floats(-90, 90), st.floats(-180, 180))
 def test_places_read_back_to_two_millimetres(lat_deg, lon_deg):
-    _, found = epoch(lat_deg=lat_deg, lon_deg=lon_deg)
+    _, found = make_epoch(lat_deg=lat_deg, lon_deg=lon_deg)
     for fields in (found["GGA"][1:5], found["RMC"][2:6]):
-        assert angle(*fields[:2]) == pytest.approx(lat_deg, abs=1e-8)
-        assert angle(*fields[2:]) == pytest.approx(lon_deg, abs=1e-8)
+        assert parse_angle(*fields[:2]) == pytest.approx(lat_deg, abs=1e-8)
+        assert parse_angle(*fields[2:]) == pytest.approx(lon_deg, abs=1e-8)
 
 
 def test_minutes_never_read_sixty():
-    _, found = epoch(lat_deg=58.9999999999, lon_deg=-9.9999999999)
+    _, found = make_epoch(lat_deg=58.9999999999, lon_deg=-9.9999999999)
     assert found["GGA"][1:5] == ["5900.000000", "N", "01000.000000", "W"]
 
 
 def test_time_is_utc_and_rounded_as_a_whole():
-    _, found = epoch(utc="2021-12-31T23:59:59.996")
+    _, found = make_epoch(utc="2021-12-31T23:59:59.996")
     assert found["GGA"][0] == found["RMC"][0] == "000000.00"
     assert found["RMC"][8] == "010122"
     gpst = np.array(["2022-01-01T21:45:58"], "datetime64[ns]")
     first = next(write_nmea_sentences(gpst, [1.0], [2.0], [3.0], [4]))
-    assert fields_of(first)[1][0] == "214540.00"
+    assert split_fields(first)[1][0] == "214540.00"
 
 
 def test_without_a_geoid_the_ellipsoidal_height_is_reported():
-    _, found = epoch(hdop=0.87)
+    _, found = make_epoch(hdop=0.87)
     assert found["GGA"][5:] == ["1", "09", "0.9", "", "M", "", "M", "", ""]
     assert found["TXT"] == ["01", "01", "02", "HAE=52.314"]
 
 
 def test_with_a_geoid_altitude_counts_from_it():
-    _, found = epoch(geoid_separation_m=25.1)
+    _, found = make_epoch(geoid_separation_m=25.1)
     assert found["GGA"][5:] == ["1", "09", "", "27.21", "M", "25.1", "M", "", ""]
 
 
 def test_speed_course_and_sigmas_are_reported():
-    _, found = epoch(speed_m_s=10.0, course_deg=-90.0, sigma_east_m=1.25, sigma_north_m=2.5, sigma_up_m=4.0)
+    _, found = make_epoch(speed_m_s=10.0, course_deg=-90.0, sigma_east_m=1.25, sigma_north_m=2.5, sigma_up_m=4.0)
     assert found["RMC"][6:8] == ["19.438", "270.00"]
     assert found["GST"][1:] == ["", "", "", "", "2.500", "1.250", "4.000"]  # latitude, longitude, altitude
 
 
 def test_an_epoch_without_a_position_says_so():
-    kinds, found = epoch(lat_deg=np.nan, lon_deg=np.nan, height_m=np.nan, satellites=3)
+    kinds, found = make_epoch(lat_deg=np.nan, lon_deg=np.nan, height_m=np.nan, satellites=3)
     assert kinds == ["GGA", "RMC"]
     assert found["GGA"][1:7] == ["", "", "", "", "0", "00"]
     assert found["RMC"][1:6] == ["V", "", "", "", ""]
@@ -97,7 +97,7 @@ def test_an_epoch_without_a_position_says_so():
 
 
 def test_the_longest_sentence_keeps_to_82_characters():
-    kinds, _ = epoch(
+    kinds, _ = make_epoch(
         lat_deg=-89.1,
         lon_deg=-179.1,
         height_m=12345.678,
@@ -114,7 +114,7 @@ def test_the_longest_sentence_keeps_to_82_characters():
 
 
 def test_another_talker_is_reported():
-    epoch(talker="GN")
+    make_epoch(talker="GN")
 
 
 def test_lines_end_as_a_serial_line_does(tmp_path):
@@ -125,4 +125,4 @@ def test_lines_end_as_a_serial_line_does(tmp_path):
     octets = path.read_bytes()
     assert octets.endswith(b"\r\n")
     lines = octets.decode("ascii").split("\r\n")[:-1]
-    assert [fields_of(line)[0] for line in lines] == ["GGA", "RMC", "TXT"] * 3
+    assert [split_fields(line)[0] for line in lines] == ["GGA", "RMC", "TXT"] * 3

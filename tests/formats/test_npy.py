@@ -9,14 +9,14 @@ from skyproof.formats.recording import open_recording
 RATE = "[samples]\nrate_hz = 4e6\nif_hz = 1e6\n"
 
 
-def stored(folder, array, sidecar=RATE):
+def store(folder, array, sidecar=RATE):
     path = folder / "array.npy"
     np.save(path, array)
     path.with_suffix(".toml").write_text(sidecar)
     return path
 
 
-def numbers(dtype, channels, length):
+def draw_numbers(dtype, channels, length):
     rng = np.random.default_rng(3)
     values = rng.integers(-100, 100, (channels, length)) if np.dtype(dtype).kind != "u" else None
     if values is None:
@@ -30,8 +30,8 @@ def numbers(dtype, channels, length):
 @pytest.mark.parametrize("time_first", [False, True])
 @pytest.mark.parametrize("dtype", ["i1", "u1", "<i2", ">i2", "<f4", ">f8", "<c8", "<c16"])
 def test_every_channel_reads_back(tmp_path, dtype, time_first, order):
-    array = numbers(dtype, 5, 1000)
-    path = stored(tmp_path, np.asarray(array.T if time_first else array, order=order))
+    array = draw_numbers(dtype, 5, 1000)
+    path = store(tmp_path, np.asarray(array.T if time_first else array, order=order))
     channels = open_recording(path)
     assert len(channels) == 5
     for channel, values in zip(channels, array, strict=True):
@@ -43,14 +43,14 @@ def test_every_channel_reads_back(tmp_path, dtype, time_first, order):
 
 
 def test_one_axis_is_one_channel(tmp_path):
-    array = numbers("i1", 1, 1000)[0]
-    (channel,) = open_recording(stored(tmp_path, array))
+    array = draw_numbers("i1", 1, 1000)[0]
+    (channel,) = open_recording(store(tmp_path, array))
     np.testing.assert_array_equal(channel.read(0, 1000)[0], array)
 
 
 def test_packed_signs_in_rows_of_bytes(tmp_path):
     bits = np.random.default_rng(4).integers(0, 2, (3, 800), dtype=np.uint8)
-    path = stored(tmp_path, np.packbits(bits, axis=1), RATE + 'kind = "real"\nencoding = "sign"\nbits = 1\n')
+    path = store(tmp_path, np.packbits(bits, axis=1), RATE + 'kind = "real"\nencoding = "sign"\nbits = 1\n')
     channels = open_recording(path)
     assert [channel.n_samples for channel in channels] == [800] * 3
     for channel, signs in zip(channels, bits, strict=True):
@@ -73,11 +73,11 @@ def test_packed_signs_in_rows_of_bytes(tmp_path):
 )
 def test_what_cannot_be_read_is_said(tmp_path, array, sidecar, words):
     with pytest.raises(InputError, match=words):
-        open_recording(stored(tmp_path, array, sidecar))
+        open_recording(store(tmp_path, array, sidecar))
 
 
 def test_a_cut_or_foreign_file_is_said(tmp_path):
-    path = stored(tmp_path, numbers("i1", 2, 1000))
+    path = store(tmp_path, draw_numbers("i1", 2, 1000))
     path.write_bytes(path.read_bytes()[:-10])
     with pytest.raises(InputError, match=r"\b2128\b"):
         open_recording(path)
@@ -85,6 +85,6 @@ def test_a_cut_or_foreign_file_is_said(tmp_path):
     with pytest.raises(InputError, match="NumPy"):
         open_recording(path)
     path.with_suffix(".toml").unlink()
-    np.save(path, numbers("i1", 2, 1000))
+    np.save(path, draw_numbers("i1", 2, 1000))
     with pytest.raises(InputError, match=r"\brate\b.*no sidecar"):
         open_recording(path)

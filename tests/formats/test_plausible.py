@@ -23,8 +23,8 @@ SIGNALS = tuple(SignalId(sat, *BANDS[sat[0]]) for sat in SATS)
 MIDDLE_M = {"G": 2.2e7, "E": 2.4e7, "R": 2.1e7, "J": 3.8e7, "S": 3.8e7}
 
 
-def sky(n_epochs=30, clock_m=0.0, drift_m_s=0.0):
-    """Ranges of fifteen satellites with rates of their own, and carrier, Doppler and C/N0 that go with them."""
+def draw_sky(n_epochs=30, clock_m=0.0, drift_m_s=0.0):
+    """Draw ranges of fifteen satellites with rates of their own, and carrier, Doppler and C/N0 to match."""
     seconds = np.arange(float(n_epochs))[:, None]
     rates_m_s = np.linspace(-700.0, 700.0, len(SATS)) + drift_m_s
     begin_m = [{"C02": 3.8e7, "C08": 3.7e7, "C25": 2.3e7}.get(sat) or MIDDLE_M[sat[0]] for sat in SATS]
@@ -44,22 +44,22 @@ def judge(cells, **options):
     return leave_out_impossible(cells, signals=SIGNALS, elapsed_s=elapsed_s, carrier_hz=carrier_hz, **options)
 
 
-def same(cells, kept):
+def assert_same(cells, kept):
     for name, values in cells.items():
         np.testing.assert_array_equal(kept[name], values, err_msg=name)
 
 
 @pytest.mark.parametrize("clock_m", [0.0, 2.9e6, -2.9e6, 3e7, -1.5e7])
 def test_a_receiver_clock_that_is_off_costs_no_cell(clock_m):
-    cells = sky(clock_m=clock_m, drift_m_s=3000.0)
+    cells = draw_sky(clock_m=clock_m, drift_m_s=3000.0)
     kept, found = judge(cells)
-    same(cells, kept)
+    assert_same(cells, kept)
     assert found.counts == found.misread == {}
     assert found.remarks == ()
 
 
 def test_only_ranges_that_no_orbit_gives_are_left_out():
-    cells = sky()
+    cells = draw_sky()
     wrong = {
         "G01": 8.3e7,
         "E05": 4.5e7,
@@ -81,7 +81,7 @@ def test_only_ranges_that_no_orbit_gives_are_left_out():
 
 
 def test_cn0_and_doppler_beyond_what_is_possible_go():
-    cells = sky()
+    cells = draw_sky()
     cells["cn0_dbhz"][3, :2], cells["doppler_hz"][4, 5] = (-3.0, 75.0), 1e8
     kept, found = judge(cells)
     assert found.counts == {"G S1C": 2, "E D1C": 1}
@@ -100,7 +100,7 @@ def test_cn0_and_doppler_beyond_what_is_possible_go():
     ],
 )
 def test_a_type_of_another_unit_or_sign_is_left_out(observable, factor, left_out):
-    cells = sky(clock_m=100.0, drift_m_s=150.0)
+    cells = draw_sky(clock_m=100.0, drift_m_s=150.0)
     its = [k for k, sat in enumerate(SATS) if sat[0] == "G"]
     cells[observable][:, its] *= factor
     kept, found = judge(cells)
@@ -111,7 +111,7 @@ def test_a_type_of_another_unit_or_sign_is_left_out(observable, factor, left_out
 
 
 def test_codes_in_cycles_within_the_bounds_are_the_codes_fault():
-    cells = sky()
+    cells = draw_sky()
     its = [k for k, sat in enumerate(SATS) if sat[0] == "G"]
     cells["pseudorange_m"][:, its] = cells["carrier_cyc"][:, its] - cells["carrier_cyc"][0, its] + 2.2e7
     _, found = judge(cells)
@@ -119,7 +119,7 @@ def test_codes_in_cycles_within_the_bounds_are_the_codes_fault():
 
 
 def test_columns_that_are_off_by_one_are_left_out_whole():
-    cells = sky()
+    cells = draw_sky()
     its = [k for k, sat in enumerate(SATS) if sat[0] == "G"]
     names = list(cells)
     shifted = {name: cells[other][:, its].copy() for name, other in itertools.pairwise(names)}
@@ -131,32 +131,32 @@ def test_columns_that_are_off_by_one_are_left_out_whole():
 
 
 def test_cn0_in_place_of_doppler_is_left_out():
-    cells = sky()
+    cells = draw_sky()
     cells["doppler_hz"][:, :5] = cells["cn0_dbhz"][:, :5]
     _, found = judge(cells)
     assert set(found.misread) == {"G D1C"}
 
 
 def test_what_an_attack_can_make_is_kept():
-    cells = sky()
+    cells = draw_sky()
     seconds = np.arange(30.0)[:, None]
     cells["pseudorange_m"][10:, :5] += 9e5  # a jump of three milliseconds
     cells["pseudorange_m"][:, 5:8] -= 400.0 * seconds  # codes that are drawn off their carriers
     cells["doppler_hz"][:, 8:10] = 300.0 + 1e3 * np.arange(2)  # a transmitter that keeps its frequency
     kept, _ = judge(cells)
-    same(cells, kept)
+    assert_same(cells, kept)
 
 
 def test_a_contradiction_that_is_kept_is_a_remark():
-    cells = sky()
+    cells = draw_sky()
     cells["doppler_hz"][:, :5] = 1234.0
     kept, found = judge(cells)
-    same(cells, kept)
+    assert_same(cells, kept)
     assert [remark[:6] for remark in found.remarks] == ["G D1C "]
 
 
 def test_a_type_that_was_misread_before_stays_left_out():
-    cells = sky(n_epochs=2)
+    cells = draw_sky(n_epochs=2)
     _, found = judge(cells, misread={"G L1C": "left out: half cycles"})
     assert found.counts == {"G L1C": 10}
     assert set(found.misread) == {"G L1C"}

@@ -38,7 +38,7 @@ PACKINGS = [
 # --- an independent, slow writer: text of "0" and "1", number by number
 
 
-def allowed_values(encoding, bits):
+def list_values(encoding, bits):
     if encoding == "float":
         return st.floats(width=32, allow_nan=False, allow_infinity=False)
     top = 2**bits
@@ -49,7 +49,7 @@ def allowed_values(encoding, bits):
     return st.integers(0, top // 2 - 1).flatmap(lambda m: st.sampled_from([2 * m + 1, -2 * m - 1]))
 
 
-def as_bits(value, encoding, bits):
+def encode_bits(value, encoding, bits):
     if encoding == "float":
         octets = struct.pack(">f" if bits == 32 else ">d", value)
         return "".join(f"{octet:08b}" for octet in octets)
@@ -62,8 +62,8 @@ def as_bits(value, encoding, bits):
     return f"{(value + 2**bits - 1) // 2:0{bits}b}"
 
 
-def packed(values, layout):
-    words = [as_bits(value, layout.encoding, layout.bits) for value in values]
+def pack_values(values, layout):
+    words = [encode_bits(value, layout.encoding, layout.bits) for value in values]
     if layout.bits == 12:
         words += ["0" * 12] * (len(words) % 2)
         first, order = (0, "big") if layout.bit_order == "msb-first" else (1, "little")
@@ -80,18 +80,18 @@ def packed(values, layout):
 
 
 def write(folder, layout, octets, name="rec"):
-    """A recording and its sidecar."""
+    """Write a recording and its sidecar."""
     path = Path(folder) / f"{name}.bin"
     path.write_bytes(b"\xa5" * layout.header_bytes + octets)
     path.with_suffix(".toml").write_text(write_sidecar_text(layout), encoding="utf-8")
     return path
 
 
-def layout_of(encoding="int", bits=8, kind="complex", **more):
+def make_layout(encoding="int", bits=8, kind="complex", **more):
     return SampleLayout(rate_hz=2.6e6, kind=kind, encoding=encoding, bits=bits, **({"if_hz": 0.0} | more))
 
 
-def noise(n_samples, *, seed=1, sigma=20.0, numbers=2):
+def draw_noise(n_samples, *, seed=1, sigma=20.0, numbers=2):
     return np.clip(np.random.default_rng(seed).normal(0.0, sigma, numbers * n_samples).round(), -127, 127)
 
 
@@ -103,14 +103,14 @@ def noise(n_samples, *, seed=1, sigma=20.0, numbers=2):
 def test_channels_of_one_file_are_what_files_of_their_own_are(tmp_path, encoding, bits, n_channels):
     rng = np.random.default_rng(n_channels)
     of_each = [[draw(encoding, bits, rng) for _ in range(2 * 4000)] for _ in range(n_channels)]
-    layout = layout_of(encoding, bits, start_gpst="2022-01-01T21:45:58")
+    layout = make_layout(encoding, bits, start_gpst="2022-01-01T21:45:58")
     woven = np.array(of_each).reshape(n_channels, -1, 2).swapaxes(0, 1).ravel().tolist()
     together = layout.model_copy(update={"channels": n_channels})
-    opened = open_raw_channels(write(tmp_path, together, packed(woven, together), "all"))
+    opened = open_raw_channels(write(tmp_path, together, pack_values(woven, together), "all"))
     assert [item.name for item in opened] == [f"all-{k + 1}" for k in range(n_channels)]
     assert [item.antenna for item in opened] == [f"1-{k + 1}" for k in range(n_channels)]
     for item, values in zip(opened, of_each, strict=True):
-        alone = open_raw(write(tmp_path, layout, packed(values, layout), "alone"))
+        alone = open_raw(write(tmp_path, layout, pack_values(values, layout), "alone"))
         assert (item.n_samples, item.rate_hz, item.start_gpst) == (4000, 2.6e6, alone.start_gpst)
         assert np.array_equal(item.read(0, 4000), alone.read(0, 4000))
         assert np.array_equal(item.read(1234, 567), alone.read(1234, 567))
@@ -126,8 +126,8 @@ def draw(encoding, bits, rng):
 
 
 def test_a_channel_that_never_changes_is_left_out_and_reported(tmp_path):
-    values = np.stack([noise(5000), np.full(10_000, 3.0)]).reshape(2, -1, 2).swapaxes(0, 1)
-    layout = layout_of(channels=2)
+    values = np.stack([draw_noise(5000), np.full(10_000, 3.0)]).reshape(2, -1, 2).swapaxes(0, 1)
+    layout = make_layout(channels=2)
     (alive,) = open_raw_channels(write(tmp_path, layout, values.astype(np.int8).tobytes()))
     assert alive.name == "rec-1"
     assert any(re.search(r"\brec-2\b.* 3 in ", remark) for remark in alive.remarks)
@@ -144,7 +144,7 @@ def test_a_channel_that_never_changes_is_left_out_and_reported(tmp_path):
 def test_every_packing_reads_back_from_any_place(tmp_path, encoding, bits, data):
     kind = data.draw(st.sampled_from(["real", "complex"]))
     flags = st.booleans() if kind == "complex" else st.just(False)
-    layout = layout_of(
+    layout = make_layout(
         encoding,
         bits,
         kind,
@@ -155,14 +155,14 @@ def test_every_packing_reads_back_from_any_place(tmp_path, encoding, bits, data)
         conjugate=data.draw(flags),
     )
     n_octets = data.draw(st.integers(1, 6)) * (3 if bits == 12 else max(1, bits * layout.numbers // 8))
-    value = allowed_values(encoding, bits)
+    value = list_values(encoding, bits)
     values = data.draw(st.lists(value, min_size=n_octets * 8 // bits, max_size=n_octets * 8 // bits))
     first, second = values[:: layout.numbers], values[1::2]
     expected = np.zeros((2, len(first)))
     expected[0] = second if layout.swap_iq else first
     if kind == "complex":
         expected[1] = np.multiply(-1 if layout.conjugate else 1, first if layout.swap_iq else second)
-    path = write(tmp_path, layout, packed(values, layout))
+    path = write(tmp_path, layout, pack_values(values, layout))
     if (expected == expected[:, :1]).all():  # as a few numbers may well be
         with pytest.raises(InputError, match="nothing"):
             open_raw(path)
@@ -178,21 +178,21 @@ def test_every_packing_reads_back_from_any_place(tmp_path, encoding, bits, data)
 
 
 def test_the_bits_of_a_byte_mean_what_the_sidecar_says(tmp_path):
-    sign = write(tmp_path, layout_of("sign", 1), bytes([0b01_00_11_10] * 2))
+    sign = write(tmp_path, make_layout("sign", 1), bytes([0b01_00_11_10] * 2))
     i, q = open_raw(sign).read(0, 4)
     assert (i.tolist(), q.tolist()) == ([1, 1, -1, -1], [-1, 1, -1, 1])
-    magnitude = write(tmp_path, layout_of("sign-magnitude", 2, "real"), bytes([0b00_01_10_11]))
+    magnitude = write(tmp_path, make_layout("sign-magnitude", 2, "real"), bytes([0b00_01_10_11]))
     assert open_raw(magnitude).read(0, 4)[0].tolist() == [1, 3, -1, -3]
-    lsb_first = write(tmp_path, layout_of("sign-magnitude", 2, "real", bit_order="lsb-first"), bytes([0b00_01_10_11]))
+    lsb_first = write(tmp_path, make_layout("sign-magnitude", 2, "real", bit_order="lsb-first"), bytes([0b00_01_10_11]))
     assert open_raw(lsb_first).read(0, 4)[0].tolist() == [-3, -1, 3, 1]
-    offset = write(tmp_path, layout_of("offset-binary", 8, "real"), bytes([0, 127, 128, 255]))
+    offset = write(tmp_path, make_layout("offset-binary", 8, "real"), bytes([0, 127, 128, 255]))
     assert open_raw(offset).read(0, 4)[0].tolist() == [-255, -1, 1, 255]
-    nibbles = write(tmp_path, layout_of("int", 4, "complex"), bytes([0x7F, 0x80]))
+    nibbles = write(tmp_path, make_layout("int", 4, "complex"), bytes([0x7F, 0x80]))
     assert open_raw(nibbles).read(0, 2).tolist() == [[7, -8], [-1, 0]]
 
 
 def test_blocks_joined_are_the_whole(tmp_path):
-    path = write(tmp_path, layout_of("sign", 1), np.random.default_rng(3).bytes(5000))
+    path = write(tmp_path, make_layout("sign", 1), np.random.default_rng(3).bytes(5000))
     samples = open_raw(path)
     blocks = [samples.read(start, 777) for start in range(0, samples.n_samples, 777)]
     np.testing.assert_array_equal(np.concatenate(blocks, axis=1), samples.read(0, samples.n_samples))
@@ -206,21 +206,21 @@ def test_an_inverted_spectrum_is_turned_back(tmp_path):
     n = np.arange(4096)
     tone = 50.0 * np.exp(-2j * np.pi * 0.1 * n)  # below the centre in the file, so above it in truth
     octets = np.stack([tone.real, tone.imag], axis=-1).round().astype(np.int8).tobytes()
-    i, q = open_raw(write(tmp_path, layout_of(conjugate=True), octets)).read(0, n.size)
+    i, q = open_raw(write(tmp_path, make_layout(conjugate=True), octets)).read(0, n.size)
     assert np.fft.fftfreq(n.size)[np.abs(np.fft.fft(i + 1j * q)).argmax()] == pytest.approx(0.1, abs=1e-3)
 
 
 def test_an_intermediate_frequency_is_folded_as_sampling_does(tmp_path):
     layout = SampleLayout(rate_hz=5.714e6, kind="real", encoding="int", bits=8, if_hz=4.1304e6)
-    samples = open_raw(write(tmp_path, layout, noise(1000, numbers=1).astype(np.int8).tobytes()))
+    samples = open_raw(write(tmp_path, layout, draw_noise(1000, numbers=1).astype(np.int8).tobytes()))
     assert samples.if_hz == pytest.approx(4.1304e6 - 5.714e6)
 
 
 def test_the_record_states_what_the_sidecar_stated(tmp_path):
     path = write(
         tmp_path,
-        layout_of(centre_hz=1575e6, if_hz=0.42e6, start_gpst="2022-01-01T21:45:58.25", antenna="mast"),
-        noise(2600).astype(np.int8).tobytes(),
+        make_layout(centre_hz=1575e6, if_hz=0.42e6, start_gpst="2022-01-01T21:45:58.25", antenna="mast"),
+        draw_noise(2600).astype(np.int8).tobytes(),
         name="rx7",
     )
     samples = open_raw(path)
@@ -232,14 +232,14 @@ def test_the_record_states_what_the_sidecar_stated(tmp_path):
 
 
 def test_one_bit_samples_cost_nanoseconds(tmp_path):
-    samples = open_raw(write(tmp_path, layout_of("sign", 1), np.random.default_rng(3).bytes(1_000_000)))
+    samples = open_raw(write(tmp_path, make_layout("sign", 1), np.random.default_rng(3).bytes(1_000_000)))
 
-    def cost_ns():
+    def measure_ns():
         start = time.perf_counter()
         samples.read(1, 2_000_000)
         return (time.perf_counter() - start) / 2e-3
 
-    assert min(cost_ns() for _ in range(5)) < 10.0  # measured 0.4 to 1 at rest; a loop per sample would be 100
+    assert min(measure_ns() for _ in range(5)) < 10.0  # measured 0.4 to 1 at rest; a loop per sample would be 100
 
 
 # --- the sidecar
@@ -348,7 +348,7 @@ def test_a_sidecar_that_is_no_text_is_reported(tmp_path):
 
 def test_a_missing_sidecar_is_reported_with_a_working_example(tmp_path):
     path = tmp_path / "rec.bin"
-    path.write_bytes(noise(1000).astype(np.int8).tobytes())
+    path.write_bytes(draw_noise(1000).astype(np.int8).tobytes())
     with pytest.raises(InputError) as raised:
         open_raw(path)
     message = str(raised.value)
@@ -358,7 +358,7 @@ def test_a_missing_sidecar_is_reported_with_a_working_example(tmp_path):
 
 
 def test_a_sidecar_may_stand_elsewhere(tmp_path):
-    path = write(tmp_path, layout_of(), noise(1000).astype(np.int8).tobytes())
+    path = write(tmp_path, make_layout(), draw_noise(1000).astype(np.int8).tobytes())
     moved = path.with_suffix(".toml").rename(tmp_path / "other.toml")
     assert open_raw(path, moved).n_samples == 1000
 
@@ -378,13 +378,13 @@ def test_a_folder_is_no_recording(tmp_path):
 
 def test_an_empty_recording_is_reported(tmp_path):
     with pytest.raises(InputError, match=r"rec\.bin.*empty"):
-        open_raw(write(tmp_path, layout_of(), b""))
+        open_raw(write(tmp_path, make_layout(), b""))
 
 
 @pytest.mark.parametrize(("bits", "extra"), [(8, 1), (16, 1), (16, 3), (32, 7)])
 def test_a_cut_recording_loses_a_part_of_a_sample_and_reports_it(tmp_path, bits, extra):
-    octets = noise(1000).astype(f"<i{bits // 8}").tobytes()
-    samples = open_raw(write(tmp_path, layout_of("int", bits), octets + b"\x01" * extra))
+    octets = draw_noise(1000).astype(f"<i{bits // 8}").tobytes()
+    samples = open_raw(write(tmp_path, make_layout("int", bits), octets + b"\x01" * extra))
     assert samples.n_samples == 1000
     assert samples.read(0, 2000).shape == (2, 1000)
     assert len(samples.remarks) == 1
@@ -393,8 +393,8 @@ def test_a_cut_recording_loses_a_part_of_a_sample_and_reports_it(tmp_path, bits,
 
 @pytest.mark.parametrize(("octets", "header"), [(b"\x01\x02\x03", 0), (b"\x01" * 8, 8), (b"\x01" * 8, 100)])
 def test_less_than_one_sample_is_reported(tmp_path, octets, header):
-    path = write(tmp_path, layout_of("int", 16), octets)
-    path.with_suffix(".toml").write_text(write_sidecar_text(layout_of("int", 16, header_bytes=header)))
+    path = write(tmp_path, make_layout("int", 16), octets)
+    path.with_suffix(".toml").write_text(write_sidecar_text(make_layout("int", 16, header_bytes=header)))
     with pytest.raises(InputError, match=r"\b32 bits"):
         open_raw(path)
 
@@ -417,7 +417,7 @@ def test_the_digest_is_the_files_and_progress_is_reported(tmp_path):
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_recording_cut_anywhere_loses_what_is_cut_and_no_more(tmp_path, cut, bits):
     octets = np.random.default_rng(1).bytes(400 * 4)
-    layout = layout_of("int", bits, header_bytes=4)
+    layout = make_layout("int", bits, header_bytes=4)
     path = write(tmp_path, layout, octets)
     whole = open_raw(path)
     expected = whole.read(0, whole.n_samples)
@@ -440,8 +440,10 @@ def test_a_recording_cut_anywhere_loses_what_is_cut_and_no_more(tmp_path, cut, b
 @given(place=st.integers(0, 10**6), bit=st.integers(0, 7))
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_flipped_bit_in_a_sidecar_is_refused_or_read(tmp_path, place, bit):
-    layout = layout_of(centre_hz=1575e6, header_bytes=2, start_gpst="2022-01-01T21:45:58", swap_iq=True, antenna="mast")
-    path = write(tmp_path, layout, noise(400).astype(np.int8).tobytes())
+    layout = make_layout(
+        centre_hz=1575e6, header_bytes=2, start_gpst="2022-01-01T21:45:58", swap_iq=True, antenna="mast"
+    )
+    path = write(tmp_path, layout, draw_noise(400).astype(np.int8).tobytes())
     sidecar = path.with_suffix(".toml")
     text = bytearray(sidecar.read_bytes())
     text[place % len(text)] ^= 1 << bit
@@ -465,27 +467,29 @@ def test_a_flipped_bit_in_a_sidecar_is_refused_or_read(tmp_path, place, bit):
 @pytest.mark.parametrize(("octet", "words"), [(0, "zero in "), (5, r"samples are 5\b")])
 def test_a_recording_that_never_changes_is_refused(tmp_path, octet, words):
     with pytest.raises(InputError, match=words) as raised:
-        open_raw(write(tmp_path, layout_of(), bytes([octet]) * 2_000_000))
+        open_raw(write(tmp_path, make_layout(), bytes([octet]) * 2_000_000))
     assert "rec.bin" in str(raised.value)
 
 
 def test_one_bit_zeros_are_refused(tmp_path):
     with pytest.raises(InputError, match="nothing"):
-        open_raw(write(tmp_path, layout_of("sign", 1), b"\x00" * 100_000))
+        open_raw(write(tmp_path, make_layout("sign", 1), b"\x00" * 100_000))
 
 
 def test_good_levels_call_for_no_remark(tmp_path):
     rng = np.random.default_rng(5)
-    assert open_raw(write(tmp_path, layout_of("sign", 1), rng.bytes(300_000))).remarks == ()
-    assert open_raw(write(tmp_path, layout_of(), noise(300_000).astype(np.int8).tobytes())).remarks == ()
+    assert open_raw(write(tmp_path, make_layout("sign", 1), rng.bytes(300_000))).remarks == ()
+    assert open_raw(write(tmp_path, make_layout(), draw_noise(300_000).astype(np.int8).tobytes())).remarks == ()
     best_two_bits = np.clip(np.floor(rng.normal(size=600_000)), -2, 1) * 2 + 1  # thresholds -1, 0, 1 sigma
-    layout = layout_of()
+    layout = make_layout()
     assert open_raw(write(tmp_path, layout, best_two_bits.astype(np.int8).tobytes())).remarks == ()
 
 
 @pytest.mark.parametrize("sigma", [100.0, 1000.0])
 def test_saturation_is_reported(tmp_path, sigma):
-    (remark,) = open_raw(write(tmp_path, layout_of(), noise(100_000, sigma=sigma).astype(np.int8).tobytes())).remarks
+    (remark,) = open_raw(
+        write(tmp_path, make_layout(), draw_noise(100_000, sigma=sigma).astype(np.int8).tobytes())
+    ).remarks
     clipped = 20 if sigma == 100.0 else 90  # percent beyond 126.5: 2 (1 - Phi(1.265)) and 2 (1 - Phi(0.1265))
     assert "saturated" in remark
     assert abs(int(remark.split("%")[0].split()[-1]) - clipped) <= 1
@@ -493,44 +497,44 @@ def test_saturation_is_reported(tmp_path, sigma):
 
 def test_saturated_two_bit_samples_are_reported(tmp_path):
     strong = np.clip(np.floor(np.random.default_rng(5).normal(size=600_000, scale=5.0)), -2, 1)
-    (remark,) = open_raw(write(tmp_path, layout_of(), (2 * strong + 1).astype(np.int8).tobytes())).remarks
+    (remark,) = open_raw(write(tmp_path, make_layout(), (2 * strong + 1).astype(np.int8).tobytes())).remarks
     assert "saturated" in remark
 
 
 def test_offset_and_imbalance_are_reported(tmp_path):
-    octets = noise(200_000).reshape(-1, 2)
+    octets = draw_noise(200_000).reshape(-1, 2)
     octets[:, 0] += 4.0  # a fifth of sigma
     octets[:, 1] *= 0.9  # 0.92 dB
-    remarks = open_raw(write(tmp_path, layout_of(), octets.round().astype(np.int8).tobytes())).remarks
+    remarks = open_raw(write(tmp_path, make_layout(), octets.round().astype(np.int8).tobytes())).remarks
     assert [remark for remark in remarks if "DC offset +0.20 in I" in remark]
     assert [remark for remark in remarks if "I/Q imbalance +0.9 dB" in remark]
 
 
 def test_a_dead_branch_is_reported(tmp_path):
-    octets = noise(100_000).reshape(-1, 2)
+    octets = draw_noise(100_000).reshape(-1, 2)
     octets[:, 1] = 0.0
-    (remark,) = open_raw(write(tmp_path, layout_of(), octets.astype(np.int8).tobytes())).remarks
+    (remark,) = open_raw(write(tmp_path, make_layout(), octets.astype(np.int8).tobytes())).remarks
     assert remark.startswith("Q ")
 
 
 def test_real_samples_have_no_dead_branch(tmp_path):
-    octets = noise(100_000, numbers=1).astype(np.int8).tobytes()
-    assert open_raw(write(tmp_path, layout_of(kind="real", if_hz=1e6), octets)).remarks == ()
+    octets = draw_noise(100_000, numbers=1).astype(np.int8).tobytes()
+    assert open_raw(write(tmp_path, make_layout(kind="real", if_hz=1e6), octets)).remarks == ()
 
 
 def test_a_gap_is_reported_with_its_time(tmp_path):
-    octets = noise(2_600_000).astype(np.int8)
+    octets = draw_noise(2_600_000).astype(np.int8)
     octets[2_600_000:] = 0
-    (remark,) = open_raw(write(tmp_path, layout_of(), octets.tobytes())).remarks
+    (remark,) = open_raw(write(tmp_path, make_layout(), octets.tobytes())).remarks
     assert re.search(r"\b8 of 16\b", remark)
     assert 0.5 <= float(remark.split("first at ")[1].split()[0]) < 0.6
 
 
 def test_floats_that_are_no_numbers_are_reported_and_zero(tmp_path):
-    values = noise(100_000).astype(np.float32)
+    values = draw_noise(100_000).astype(np.float32)
     values[20:2020:2] = np.nan
     values[5] = np.inf
-    samples = open_raw(write(tmp_path, layout_of("float", 32), values.tobytes()))
+    samples = open_raw(write(tmp_path, make_layout("float", 32), values.tobytes()))
     assert "1.00%" in samples.remarks[0]
     assert np.isfinite(samples.read(0, 100_000)).all()
     assert samples.read(10, 1)[0, 0] == 0.0
@@ -539,7 +543,7 @@ def test_floats_that_are_no_numbers_are_reported_and_zero(tmp_path):
 
 def test_nothing_but_floats_that_are_no_numbers_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"100\.00%"):
-        open_raw(write(tmp_path, layout_of("float", 32), b"\xff" * 8000))
+        open_raw(write(tmp_path, make_layout("float", 32), b"\xff" * 8000))
 
 
 def test_the_check_of_levels_reads_a_bounded_part():

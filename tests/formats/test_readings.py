@@ -12,31 +12,31 @@ from skyproof.formats.signatures import WavHeader, identify_other, read_wav_head
 N = 1 << 17
 
 
-def normal(rms: float, seed: int = 1) -> np.ndarray:
+def draw_normal(rms: float, seed: int = 1) -> np.ndarray:
     return np.random.default_rng(seed).normal(0.0, rms, N)
 
 
-def octets(values: np.ndarray, kind: str) -> np.ndarray:
+def store_octets(values: np.ndarray, kind: str) -> np.ndarray:
     stored = values.astype(kind) if "f" in kind else np.round(values).astype(kind)
     return np.frombuffer(stored.tobytes(), np.uint8)
 
 
-def kinds_of(stored: np.ndarray) -> set[tuple]:
+def list_kinds(stored: np.ndarray) -> set[tuple]:
     return {(packing.packing.encoding, packing.packing.bits) for packing in list_likely_packings(stored)}
 
 
 @pytest.mark.parametrize("rms", [3.0, 20.0, 60.0])
 def test_whole_bytes_are_recognized_by_their_hump(rms: float) -> None:
-    values = np.clip(normal(rms), -128, 127)
-    assert kinds_of(octets(values, "<i1")) == {("int", 8)}
-    assert kinds_of(octets(np.clip(values + 128, 0, 255), "<u1")) == {("offset-binary", 8)}
+    values = np.clip(draw_normal(rms), -128, 127)
+    assert list_kinds(store_octets(values, "<i1")) == {("int", 8)}
+    assert list_kinds(store_octets(np.clip(values + 128, 0, 255), "<u1")) == {("offset-binary", 8)}
 
 
 @pytest.mark.parametrize("rms", [100.0, 2000.0])
 @pytest.mark.parametrize("order", ["little", "big"])
 def test_wide_numbers_are_recognized_by_their_quiet_byte(rms: float, order: str) -> None:
-    stored = octets(normal(rms), f"{'<' if order == 'little' else '>'}i2")
-    assert kinds_of(stored) == {("int", 16)}
+    stored = store_octets(draw_normal(rms), f"{'<' if order == 'little' else '>'}i2")
+    assert list_kinds(stored) == {("int", 16)}
     assert {packing.packing.byte_order for packing in list_likely_packings(stored)} == {order}
     assert {packing.header_bytes for packing in list_likely_packings(stored)} == {0}
 
@@ -45,8 +45,8 @@ def test_wide_numbers_are_recognized_by_their_quiet_byte(rms: float, order: str)
 @pytest.mark.parametrize("step", [256.0, 1000.0, 4096.0])
 @pytest.mark.parametrize("rms", [0.4, 1.0, 3.0])
 def test_the_order_of_wide_numbers_with_quiet_low_bytes_is_found(rms: float, step: float, order: str) -> None:
-    values = np.clip(step * np.round(normal(rms)), -32768, 32767)
-    (first, *_) = list_likely_packings(octets(values, f"{'<' if order == 'little' else '>'}i2"))
+    values = np.clip(step * np.round(draw_normal(rms)), -32768, 32767)
+    (first, *_) = list_likely_packings(store_octets(values, f"{'<' if order == 'little' else '>'}i2"))
     assert (first.packing.encoding, first.packing.bits, first.packing.byte_order) == ("int", 16, order)
     assert first.header_bytes == 0
 
@@ -55,20 +55,23 @@ def test_the_order_of_wide_numbers_with_quiet_low_bytes_is_found(rms: float, ste
 @pytest.mark.parametrize("level", [1, 2, 100, 256, 1000, 8192, 32767])
 def test_wide_numbers_of_two_values_are_one_stream(level: int, order: str) -> None:
     # In either order they are the same signal.
-    stored = octets(np.where(normal(1.0) > 0.0, level, -level), f"{'<' if order == 'little' else '>'}i2")
+    stored = store_octets(np.where(draw_normal(1.0) > 0.0, level, -level), f"{'<' if order == 'little' else '>'}i2")
     assert {(packing.packing.bits, packing.header_bytes) for packing in list_likely_packings(stored)} == {(16, 0)}
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 def test_two_byte_channels_of_one_antenna_are_no_wide_numbers(noise: float) -> None:
     result = np.stack(
-        [normal(20.0) + noise * np.random.default_rng(k).normal(0.0, 20.0, normal(1.0).size) for k in range(2)]
+        [
+            draw_normal(20.0) + noise * np.random.default_rng(k).normal(0.0, 20.0, draw_normal(1.0).size)
+            for k in range(2)
+        ]
     )
-    assert kinds_of(octets(np.clip(result.T.reshape(-1), -128, 127), "<i1")) == {("int", 8)}
+    assert list_kinds(store_octets(np.clip(result.T.reshape(-1), -128, 127), "<i1")) == {("int", 8)}
 
 
 def test_a_wide_number_that_begins_late_is_found() -> None:
-    stored = np.concatenate([np.zeros(1, np.uint8), octets(normal(100.0), "<i2")])
+    stored = np.concatenate([np.zeros(1, np.uint8), store_octets(draw_normal(100.0), "<i2")])
     assert {(packing.packing.byte_order, packing.header_bytes) for packing in list_likely_packings(stored)} == {
         ("little", 1)
     }
@@ -76,11 +79,11 @@ def test_a_wide_number_that_begins_late_is_found() -> None:
 
 @pytest.mark.parametrize(("kind", "bits"), [("<f4", 32), (">f4", 32), ("<f8", 64), (">f8", 64)])
 def test_floats_are_recognized_by_being_near_each_other(kind: str, bits: int) -> None:
-    assert kinds_of(octets(normal(0.01), kind)) == {("float", bits)}
+    assert list_kinds(store_octets(draw_normal(0.01), kind)) == {("float", bits)}
 
 
-def twelve(values, order):
-    """Pairs of 12 bits in three bytes, as text of 24 digits."""
+def pack_twelve(values, order):
+    """Pack pairs of 12 bits into three bytes, through a text of 24 digits."""
     threes = [[f"{v % 4096:012b}" for v in pair] for pair in values.reshape(-1, 2).tolist()]
     if order == "msb-first":
         return b"".join(int(a + b, 2).to_bytes(3, "big") for a, b in threes)
@@ -92,8 +95,8 @@ def twelve(values, order):
 @pytest.mark.parametrize("skip", [0, 1, 2])
 @pytest.mark.parametrize("encoding", ["int", "offset-binary"])
 def test_packed_numbers_of_twelve_bits_are_recognized(rms, order, skip, encoding) -> None:
-    values = np.clip(np.rint(normal(rms)[:96_000]), -2048, 2047).astype(int)
-    stored = twelve(values + (2048 if encoding == "offset-binary" else 0), order)
+    values = np.clip(np.rint(draw_normal(rms)[:96_000]), -2048, 2047).astype(int)
+    stored = pack_twelve(values + (2048 if encoding == "offset-binary" else 0), order)
     found = list_likely_packings(np.frombuffer(stored, np.uint8)[3 - skip : -skip or None])
     best = found[0]
     assert (best.packing.encoding, best.packing.bits, best.packing.bit_order) == (encoding, 12, order)
@@ -101,7 +104,7 @@ def test_packed_numbers_of_twelve_bits_are_recognized(rms, order, skip, encoding
 
 
 def test_numbers_of_24_bits_are_not_taken_for_twelve() -> None:
-    stored = np.rint(normal(1e5)[:64_000]).astype("<i4").view(np.uint8).reshape(-1, 4)[:, :3].ravel()
+    stored = np.rint(draw_normal(1e5)[:64_000]).astype("<i4").view(np.uint8).reshape(-1, 4)[:, :3].ravel()
     assert not any(packing.packing.bits == 12 for packing in list_likely_packings(stored[: stored.size // 48 * 48]))
 
 
@@ -112,14 +115,14 @@ def test_two_and_four_bit_numbers_are_recognized_by_their_codes() -> None:
     for encoding, share in shares.items():
         codes = rng.choice(4, (N, 4), p=share).astype(np.uint8)
         stored = np.bitwise_or.reduce(codes << np.array([0, 2, 4, 6], np.uint8), axis=1)
-        assert (encoding, 2) in kinds_of(stored)
-    nibbles = (np.clip(np.round(normal(2.5)), -8, 7).astype(np.int8) & 15).astype(np.uint8)
-    assert kinds_of(nibbles[0::2] << 4 | nibbles[1::2]) == {("int", 4)}
+        assert (encoding, 2) in list_kinds(stored)
+    nibbles = (np.clip(np.round(draw_normal(2.5)), -8, 7).astype(np.int8) & 15).astype(np.uint8)
+    assert list_kinds(nibbles[0::2] << 4 | nibbles[1::2]) == {("int", 4)}
 
 
 def test_what_shows_nothing_is_taken_for_signs() -> None:
     stored = np.frombuffer(np.random.default_rng(3).bytes(N), np.uint8)
-    assert kinds_of(stored) == {("sign", 1)}
+    assert list_kinds(stored) == {("sign", 1)}
     assert {packing.packing.bit_order for packing in list_likely_packings(stored)} == {"msb-first", "lsb-first"}
 
 
@@ -131,8 +134,8 @@ def test_a_header_ends_where_the_bytes_change(header: bytes) -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_samples_alone_have_no_header(seed: int) -> None:
-    assert measure_header(octets(normal(20.0, seed), "<i1")) == 0
-    assert measure_header(octets(normal(60.0, seed), "<i2")) == 0
+    assert measure_header(store_octets(draw_normal(20.0, seed), "<i1")) == 0
+    assert measure_header(store_octets(draw_normal(60.0, seed), "<i2")) == 0
 
 
 @pytest.mark.parametrize(
@@ -155,7 +158,7 @@ def test_what_holds_no_samples_is_named(head: bytes, what: str) -> None:
 def test_samples_are_not_taken_for_anything_else() -> None:
     for seed in range(200):
         assert identify_other(np.random.default_rng(seed).bytes(4096)) is None
-        assert identify_other(octets(normal(20.0, seed)[:4096], "<i1").tobytes()) is None
+        assert identify_other(store_octets(draw_normal(20.0, seed)[:4096], "<i1").tobytes()) is None
 
 
 def test_a_wav_header_states_how_to_read_what_follows() -> None:

@@ -18,13 +18,13 @@ LAYOUT = SampleLayout(rate_hz=4e6, kind="complex", encoding="int", bits=8, centr
 GIB = 1 << 30
 
 
-def noise(n_samples):
+def draw_noise(n_samples):
     return np.random.default_rng(1).normal(0.0, 20.0, (n_samples, 2)).round().clip(-127, 127).astype(np.int8)
 
 
 def write(folder, name="rec.bin", *, sidecar=False, meta=False):
     path = folder / name
-    path.write_bytes(noise(5000).tobytes())
+    path.write_bytes(draw_noise(5000).tobytes())
     if sidecar:
         path.with_suffix(".toml").write_text(write_sidecar_text(LAYOUT))
     if meta:
@@ -45,7 +45,7 @@ def test_either_file_of_sigmf_opens_the_same(tmp_path, asked):
     write(tmp_path, "rec.sigmf-data", meta=True)
     (samples,) = open_recording(tmp_path / asked)
     assert (samples.format, samples.path) == ("SigMF", str(tmp_path / "rec.sigmf-data"))
-    np.testing.assert_array_equal(samples.read(0, 9999), noise(5000).T)
+    np.testing.assert_array_equal(samples.read(0, 9999), draw_noise(5000).T)
 
 
 def test_metadata_beside_a_raw_file_without_sidecar_are_used(tmp_path):

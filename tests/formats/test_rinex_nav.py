@@ -95,11 +95,11 @@ VERSION_4 = [
 ]
 
 
-def without(lines, number):
+def drop_line(lines, number):
     return [*lines[:number], *lines[number + 1 :]]
 
 
-def changed(lines, number, old, new):
+def change_line(lines, number, old, new):
     assert old in lines[number]
     return [*lines[:number], lines[number].replace(old, new), *lines[number + 1 :]]
 
@@ -186,12 +186,12 @@ def test_version_4_takes_lnav_orbits_and_ionosphere_only():
 
 @pytest.mark.parametrize("spelling", ["-.774230040610D-04", "-7.74230040610e-05", "-7.74230040610d-05"])
 def test_numbers_are_read_in_every_spelling(spelling):
-    lines = changed(VERSION_3, 9, "-1.774230040610E-04", f"{spelling:>19}")
+    lines = change_line(VERSION_3, 9, "-1.774230040610E-04", f"{spelling:>19}")
     assert parse_nav(lines).ephemerides[0].af0 == -7.74230040610e-05
 
 
 def test_a_three_digit_exponent_without_a_letter_is_zero():
-    lines = changed(VERSION_3, 9, "-1.364242052659E-12", " 0.499063314480-269")  # as in a file of the IGS
+    lines = change_line(VERSION_3, 9, "-1.364242052659E-12", " 0.499063314480-269")  # as in a file of the IGS
     assert parse_nav(lines).ephemerides[0].af1 == 0.0
 
 
@@ -223,13 +223,13 @@ def test_missing_trailing_and_blank_fields_have_their_defaults():
     ],
 )
 def test_accuracy_in_metres_finds_its_index(metres, index):
-    lines = changed(VERSION_3, 15, "     2.000000000000E+00", f"    {metres:>19}")
+    lines = change_line(VERSION_3, 15, "     2.000000000000E+00", f"    {metres:>19}")
     assert parse_nav(lines).ephemerides[0].ura_index == index
 
 
 @pytest.mark.parametrize("fit", ["0.000000000000E+00", "                  "])
 def test_an_unknown_fit_interval_is_four_hours(fit):
-    lines = changed(VERSION_3, 16, "4.000000000000E+00", fit)
+    lines = change_line(VERSION_3, 16, "4.000000000000E+00", fit)
     assert parse_nav(lines).ephemerides[0].fit_interval_h == 4.0
 
 
@@ -238,14 +238,14 @@ def test_an_unknown_fit_interval_is_four_hours(fit):
 
 @pytest.mark.parametrize("written", ["2.720000000000E+02", "1.296000000000E+03"])
 def test_the_date_resolves_the_week_whatever_the_writer_counted(written):
-    navigation = parse_nav(changed(VERSION_3, 14, "2.320000000000E+03", written))
+    navigation = parse_nav(change_line(VERSION_3, 14, "2.320000000000E+03", written))
     assert navigation.ephemerides[0].week == 2320
     assert any(re.search(r"\bGPS week\b.*\b1 records\b", remark) for remark in navigation.remarks)
 
 
 def test_an_orbit_of_next_week_with_this_weeks_clock_is_mended():
-    lines = changed(VERSION_3, 9, "2024 06 24 10 00 00", "2024 06 22 23 59 44")
-    lines = changed(lines, 12, "1.224000000000E+05", "0.000000000000E+00")
+    lines = change_line(VERSION_3, 9, "2024 06 24 10 00 00", "2024 06 22 23 59 44")
+    lines = change_line(lines, 12, "1.224000000000E+05", "0.000000000000E+00")
     eph = parse_nav(lines).ephemerides[0]
     assert (eph.toc_week, eph.toc, eph.week, eph.toe) == (2319, 604784.0, 2320, 0.0)
 
@@ -253,16 +253,16 @@ def test_an_orbit_of_next_week_with_this_weeks_clock_is_mended():
 def test_the_week_of_utc_is_resolved_whatever_the_writer_counted():
     # 1061 stands for 1317 in a file of 2005 (rinex-gsi-3km): modulo 256 both are 37.
     for written in ("2320", "  16", " 272"):
-        lines = changed(VERSION_3, 5, "319488 2320", f"319488 {written}")
+        lines = change_line(VERSION_3, 5, "319488 2320", f"319488 {written}")
         assert parse_nav(lines).utc.wnt == 2320
 
 
 @pytest.mark.parametrize(("year", "full"), [("80", 1980), ("99", 1999), ("00", 2000), ("79", 2079)])
 def test_years_of_two_digits_run_from_1980_to_2079(year, full):
-    lines = changed(VERSION_2[:15], 7, " 1 22  1  1", f" 1 {year}  1 12")
-    lines = changed(lines, 12, "0.219000000000D+04", " " * 18)
+    lines = change_line(VERSION_2[:15], 7, " 1 22  1  1", f" 1 {year}  1 12")
+    lines = change_line(lines, 12, "0.219000000000D+04", " " * 18)
     _, tow_s = week_and_tow(parse_iso(f"{full}-01-12"))
-    lines = changed(lines, 10, "0.518400000000D+06", f"0.{round(tow_s):06d}000000D+06")
+    lines = change_line(lines, 10, "0.518400000000D+06", f"0.{round(tow_s):06d}000000D+06")
     eph = parse_nav(lines).ephemerides[0]
     assert gpst(eph.toc_week, eph.toc) == parse_iso(f"{full}-01-12")
 
@@ -290,7 +290,7 @@ def test_a_clock_of_another_time_than_the_orbit_is_left_out(hours):
     ids=["alpha", "dense", "beta"],
 )
 def test_an_impossible_ionosphere_is_left_out(line, old, new):
-    header = changed(VERSION_3_HEADER, line, old, new)
+    header = change_line(VERSION_3_HEADER, line, old, new)
     navigation = parse_nav([*header, *GPS_RECORD])
     assert navigation.ionosphere is None
     assert any("ionosphere" in remark for remark in navigation.remarks)
@@ -298,7 +298,7 @@ def test_an_impossible_ionosphere_is_left_out(line, old, new):
 
 @pytest.mark.parametrize("leaps", [0, 15, 37, 180])
 def test_impossible_leap_seconds_are_left_out(leaps):
-    header = changed(VERSION_3_HEADER, 6, "    18    18", f"{leaps:6d}{leaps:6d}")
+    header = change_line(VERSION_3_HEADER, 6, "    18    18", f"{leaps:6d}{leaps:6d}")
     navigation = parse_nav([*header, *GPS_RECORD])
     assert navigation.utc.leap_seconds == 18
     assert any("leap seconds" in remark for remark in navigation.remarks)
@@ -373,14 +373,14 @@ def test_beidou_and_galileo_keep_their_own_fields():
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
-        (lambda lines: changed(lines, 9, "0.398838041777D-08", "0.39883x041777D-08"), "'0.39883x041777D-08'"),
-        (lambda lines: changed(lines, 9, "0.390000000000D+02", "*" * 18), "'******************'"),
-        (lambda lines: without(without(lines, 10), 10), "6 lines of 8"),
-        (lambda lines: changed(lines, 8, "22  1  1  0", "22 13  1  0"), "'22 13 1 0 0 0.0'"),
-        (lambda lines: changed(lines, 8, " 1 22", "77 22"), "G77 left"),
-        (lambda lines: changed(lines, 10, "0.515367499542D+04", "0.515367499542D+01"), " its orbit"),
-        (lambda lines: changed(lines, 9, "-0.141125000000D+03", " " * 19), "is missing"),
-        (lambda lines: changed(lines, 8, " 1 22  1  1", " 1 21  1  1"), "GPS week 2138"),
+        (lambda lines: change_line(lines, 9, "0.398838041777D-08", "0.39883x041777D-08"), "'0.39883x041777D-08'"),
+        (lambda lines: change_line(lines, 9, "0.390000000000D+02", "*" * 18), "'******************'"),
+        (lambda lines: drop_line(drop_line(lines, 10), 10), "6 lines of 8"),
+        (lambda lines: change_line(lines, 8, "22  1  1  0", "22 13  1  0"), "'22 13 1 0 0 0.0'"),
+        (lambda lines: change_line(lines, 8, " 1 22", "77 22"), "G77 left"),
+        (lambda lines: change_line(lines, 10, "0.515367499542D+04", "0.515367499542D+01"), " its orbit"),
+        (lambda lines: change_line(lines, 9, "-0.141125000000D+03", " " * 19), "is missing"),
+        (lambda lines: change_line(lines, 8, " 1 22  1  1", " 1 21  1  1"), "GPS week 2138"),
     ],
     ids=["letter", "overflow", "lines gone", "month 13", "satellite 77", "orbit", "blank", "year"],
 )
@@ -404,7 +404,7 @@ def test_a_file_cut_within_a_number_loses_that_record_only(line):
 
 
 def test_many_damaged_records_are_counted_not_listed():
-    record = changed(VERSION_2[7:15], 1, "0.390000000000D+02", "0.39x000000000D+02")
+    record = change_line(VERSION_2[7:15], 1, "0.390000000000D+02", "0.39x000000000D+02")
     navigation = parse_nav([*VERSION_2, *record * 30])
     assert len(navigation.ephemerides) == 2
     assert len(navigation.remarks) == 11
@@ -412,16 +412,16 @@ def test_many_damaged_records_are_counted_not_listed():
 
 
 def test_a_damaged_header_line_is_reported_and_left_out():
-    navigation = parse_nav(changed(VERSION_2, 2, "0.1211D-07", "0.1211D-x7"))
+    navigation = parse_nav(change_line(VERSION_2, 2, "0.1211D-07", "0.1211D-x7"))
     assert navigation.ionosphere is None
     assert [remark[:18] for remark in navigation.remarks] == ["line 3: ION ALPHA "]
 
 
 def test_leap_seconds_come_from_the_date_without_their_field():
-    assert parse_nav(without(VERSION_2, 5)).utc.leap_seconds == 18
-    nothing = parse_nav(without(without(VERSION_2, 4), 4))
+    assert parse_nav(drop_line(VERSION_2, 5)).utc.leap_seconds == 18
+    nothing = parse_nav(drop_line(drop_line(VERSION_2, 4), 4))
     assert nothing.utc is None
-    only = parse_nav(without(VERSION_2, 4)).utc
+    only = parse_nav(drop_line(VERSION_2, 4)).utc
     assert (only.a0, only.a1, only.leap_seconds, only.wnt) == (0.0, 0.0, 18, 2190)
 
 
@@ -492,8 +492,8 @@ def test_line_ends_of_any_system_and_gzip_read_the_same(tmp_path):
 # ---------------------------------------------------------------- writing
 
 
-def same(first, second):
-    """Equal, where NaN equals NaN."""
+def is_same(first, second):
+    """Compare with NaN equal to NaN."""
     return repr(first) == repr(second)
 
 
@@ -502,7 +502,7 @@ def test_what_is_written_reads_back_the_same(tmp_path, lines):
     navigation = parse_nav(lines)
     write_nav(tmp_path / "nav.rnx", navigation, created=parse_iso("2026-01-02T03:04:05"))
     back = read_nav(tmp_path / "nav.rnx")
-    assert same(back.ephemerides, navigation.ephemerides)
+    assert is_same(back.ephemerides, navigation.ephemerides)
     np.testing.assert_allclose(back.ionosphere.alpha, navigation.ionosphere.alpha, rtol=5e-5)  # five digits
     np.testing.assert_allclose(back.ionosphere.beta, navigation.ionosphere.beta, rtol=5e-5)
     assert back.utc.a0 == pytest.approx(navigation.utc.a0, rel=1e-10)
@@ -547,7 +547,7 @@ def test_every_accuracy_index_and_week_survives(tmp_path):
     variants.append(replace(base, fit_interval_h=26.0, iodc=500, iode=244))
     write_nav(tmp_path / "nav.rnx", NavigationData(ephemerides=tuple(variants)))
     back = read_nav(tmp_path / "nav.rnx")
-    assert same(back.ephemerides, tuple(variants))
+    assert is_same(back.ephemerides, tuple(variants))
     assert (back.ionosphere, back.utc) == (None, None)
 
 
@@ -594,7 +594,7 @@ def test_every_record_of_a_real_file_is_read_and_written(shared_data, tmp_path, 
         if isinstance(eph, Ephemeris):
             assert abs(seconds_between(gpst(eph.week, eph.toe), gpst(eph.toc_week, eph.toc))) < 7200.0
     write_nav(tmp_path / "nav.rnx", navigation)
-    assert same(read_nav(tmp_path / "nav.rnx").ephemerides, navigation.ephemerides)
+    assert is_same(read_nav(tmp_path / "nav.rnx").ephemerides, navigation.ephemerides)
 
 
 @pytest.mark.shared_data

@@ -56,7 +56,7 @@ def parse_obs(lines):
 # --- observations to write
 
 
-def observations_of(names=("G05a", "G07a", "G07b", "G30a"), n_epochs=6, seed=1):
+def draw_observations(names=("G05a", "G07a", "G07b", "G30a"), n_epochs=6, seed=1):
     rng = np.random.default_rng(seed)
     shape = (n_epochs, len(names))
     elapsed_s = np.arange(n_epochs) * 0.5
@@ -78,8 +78,8 @@ def observations_of(names=("G05a", "G07a", "G07b", "G30a"), n_epochs=6, seed=1):
     )
 
 
-def with_cells(observations, cells, **values):
-    """The same with some cells changed in the named fields."""
+def change_cells(observations, cells, **values):
+    """Change some cells of the named fields."""
     changed = {}
     for name, value in values.items():
         array = np.array(getattr(observations, name))
@@ -88,32 +88,32 @@ def with_cells(observations, cells, **values):
     return replace(observations, **changed)
 
 
-def missing(observations, cells):
+def drop_cells(observations, cells):
     nothing = dict.fromkeys(("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz"), np.nan)
-    return with_cells(observations, cells, status=1, **nothing)
+    return change_cells(observations, cells, status=1, **nothing)
 
 
-def signals_of(*names):
+def list_signals(*names):
     return [SignalId(name[:3], copy=name[3]) for name in names]
 
 
-def obs_lines(observations, **given):
+def write_lines(observations, **given):
     with TemporaryDirectory() as folder:
         write_obs(path := Path(folder) / "one.obs", observations, **given)
         return path.read_text("ascii").splitlines()
 
 
-def parsed_from(observations, *names, **more):
-    return parse_obs(obs_lines(observations, signals=signals_of(*names), **(GIVEN | more)))
+def parse_back(observations, *names, **more):
+    return parse_obs(write_lines(observations, signals=list_signals(*names), **(GIVEN | more)))
 
 
 # --- what holds
 
 
 def test_what_is_written_reads_back(tmp_path):
-    observations = observations_of()
+    observations = draw_observations()
     path = tmp_path / "rx1-authentic.obs"
-    write_obs(path, observations, signals=signals_of("G30a", "G05a", "G07b"), **GIVEN)
+    write_obs(path, observations, signals=list_signals("G30a", "G05a", "G07b"), **GIVEN)
     parsed = parse_obs(path.read_text("ascii").splitlines())
     np.testing.assert_array_equal(np.array(parsed.epochs), observations.gpst)
     assert len(parsed.cells) == 6 * 3 * 4
@@ -126,7 +126,7 @@ def test_what_is_written_reads_back(tmp_path):
 
 def test_the_header_has_what_the_format_demands():
     position_m = (3098123.4567, 939876.5432, -5467890.1234)
-    header = parsed_from(observations_of(), "G05a", "G07b", position_ecef_m=position_m, comments=("by hand",)).header
+    header = parse_back(draw_observations(), "G05a", "G07b", position_ecef_m=position_m, comments=("by hand",)).header
     assert header["RINEX VERSION / TYPE"] == [f"{'     3.05           OBSERVATION DATA    G: GPS':60}"]
     assert header["PGM / RUN BY / DATE"][0][40:] == "20260102 030405 UTC "
     assert header["MARKER NAME"][0].strip() == "rx1"
@@ -148,76 +148,76 @@ def test_the_header_has_what_the_format_demands():
         "SIGNAL STRENGTH UNIT",
     ):
         assert len(header[label]) == 1
-    assert "APPROX POSITION XYZ" not in parsed_from(observations_of(), "G05a").header
+    assert "APPROX POSITION XYZ" not in parse_back(draw_observations(), "G05a").header
 
 
 def test_long_and_foreign_words_keep_to_their_columns(tmp_path):
     path = tmp_path / "a.obs"
     words = {"marker": "Höjd\n" * 30, "comments": ("word " * 40,), "version": "1.2.3.dev456+gabcdef0"}
-    write_obs(path, observations_of(), signals=signals_of("G05a"), **(GIVEN | words))
+    write_obs(path, draw_observations(), signals=list_signals("G05a"), **(GIVEN | words))
     header = parse_obs(path.read_text("ascii").splitlines()).header
     assert header["MARKER NAME"][0].startswith("H?jd H?jd")
     assert len(header["COMMENT"]) == 1 + 4
 
 
 def test_the_line_of_a_satellite_stands_in_its_columns():
-    observations = with_cells(
-        observations_of(["G05a"], 1),
+    observations = change_cells(
+        draw_observations(["G05a"], 1),
         (0, 0),
         pseudorange_m=23629347.9151,
         carrier_cyc=-353.3004,
         doppler_hz=-1234.5678,
         cn0_dbhz=47.25,
     )
-    *_, epoch, row = obs_lines(observations, signals=observations.signals, **GIVEN)
+    *_, epoch, row = write_lines(observations, signals=observations.signals, **GIVEN)
     assert epoch == "> 2022 01 01 21 46 59.0000000  0  1"
     assert row == "G05  23629347.915 7      -353.300 7     -1234.568          47.250"
 
 
 def test_signal_strength_is_the_digit_of_the_format():
     cn0_dbhz = [5.0, 11.9, 12.0, 36.0, 53.9, 54.0, 60.0]
-    observations = with_cells(observations_of(["G05a"], 7), (slice(None), 0), cn0_dbhz=cn0_dbhz)
-    parsed = parsed_from(observations, "G05a")
+    observations = change_cells(draw_observations(["G05a"], 7), (slice(None), 0), cn0_dbhz=cn0_dbhz)
+    parsed = parse_back(observations, "G05a")
     assert [parsed.cells[epoch, "G05", "L1C"][2] for epoch in range(7)] == list("1126899")
     assert [parsed.cells[epoch, "G05", "C1C"][2] for epoch in range(7)] == list("1126899")
 
 
 def test_a_file_is_dated_by_its_first_epoch_for_equal_bytes():
-    observations = missing(observations_of(), (slice(0, 4), slice(None)))  # the first two seconds
-    (reported,) = parsed_from(observations, "G05a", created_utc=None).header["PGM / RUN BY / DATE"]
+    observations = drop_cells(draw_observations(), (slice(0, 4), slice(None)))  # the first two seconds
+    (reported,) = parse_back(observations, "G05a", created_utc=None).header["PGM / RUN BY / DATE"]
     assert reported[40:] == "20220101 214643 UTC "  # 18 leap seconds after 21:46:59 and 2 s later
 
 
-def lost_locks(observations, *names, sat="G07"):
-    cells = parsed_from(observations, *names).cells
+def find_lost_locks(observations, *names, sat="G07"):
+    cells = parse_back(observations, *names).cells
     return [epoch for epoch in range(len(observations.gpst)) if cells.get((epoch, sat, "L1C"), (0, " "))[1] == "1"]
 
 
 def test_a_cycle_slip_is_reported():
-    assert lost_locks(observations_of(), "G07a") == []
-    assert lost_locks(with_cells(observations_of(), (3, 1), status=3), "G07a") == [3]
+    assert find_lost_locks(draw_observations(), "G07a") == []
+    assert find_lost_locks(change_cells(draw_observations(), (3, 1), status=3), "G07a") == [3]
 
 
 def test_a_gap_is_lost_lock_but_the_first_measurement_is_not():
-    observations = missing(observations_of(), (slice(0, 2), 1))
-    assert lost_locks(observations, "G07a", "G30a") == []
-    assert lost_locks(missing(observations, (4, 1)), "G07a", "G30a") == [5]
+    observations = drop_cells(draw_observations(), (slice(0, 2), 1))
+    assert find_lost_locks(observations, "G07a", "G30a") == []
+    assert find_lost_locks(drop_cells(observations, (4, 1)), "G07a", "G30a") == [5]
 
 
 def test_an_open_half_cycle_is_bit_1_of_the_indicator():
-    observations = with_cells(observations_of(), ([1, 2, 3], 1), half_cycle_open=True)
-    observations = with_cells(observations, ([1, 4], 1), status=3)
-    observations = with_cells(observations, (3, 1), carrier_cyc=np.nan)
-    cells = parsed_from(observations, "G07a").cells
+    observations = change_cells(draw_observations(), ([1, 2, 3], 1), half_cycle_open=True)
+    observations = change_cells(observations, ([1, 4], 1), status=3)
+    observations = change_cells(observations, (3, 1), carrier_cyc=np.nan)
+    cells = parse_back(observations, "G07a").cells
     indicators = [cells[epoch, "G07", "L1C"][1] for epoch in (0, 1, 2, 4, 5)]
     assert indicators == [" ", "3", "2", "1", " "]
     assert {cells[epoch, "G07", "C1C"][1] for epoch in range(6)} == {" "}
 
 
 def test_another_channel_of_a_satellite_is_lost_lock():
-    observations = missing(missing(observations_of(), (slice(0, 3), 2)), (slice(3, None), 1))
-    assert lost_locks(observations, "G07a", "G07b") == [3]
-    cells = parsed_from(observations, "G07a", "G07b").cells
+    observations = drop_cells(drop_cells(draw_observations(), (slice(0, 3), 2)), (slice(3, None), 1))
+    assert find_lost_locks(observations, "G07a", "G07b") == [3]
+    cells = parse_back(observations, "G07a", "G07b").cells
     assert cells[2, "G07", "C1C"][0] == pytest.approx(observations.pseudorange_m[2, 1], abs=1e-3)
     assert cells[3, "G07", "C1C"][0] == pytest.approx(observations.pseudorange_m[3, 2], abs=1e-3)
 
@@ -225,7 +225,7 @@ def test_another_channel_of_a_satellite_is_lost_lock():
 def test_two_copies_of_one_satellite_at_one_epoch_are_refused(tmp_path):
     path = tmp_path / "a.obs"
     with pytest.raises(ValueError, match=r"\bG07\b"):
-        write_obs(path, observations_of(), signals=signals_of("G05a", "G07a", "G07b"), **GIVEN)
+        write_obs(path, draw_observations(), signals=list_signals("G05a", "G07a", "G07b"), **GIVEN)
     assert not path.exists()
 
 
@@ -238,18 +238,18 @@ def test_two_copies_of_one_satellite_at_one_epoch_are_refused(tmp_path):
     ],
 )
 def test_a_signal_that_cannot_be_written_is_refused(signal, words):
-    observations = observations_of()
+    observations = draw_observations()
     if words != "not among":
         observations = replace(observations, signals=(signal, *observations.signals[1:]))
     with pytest.raises(ValueError, match=words):
-        obs_lines(observations, signals=[signal], **GIVEN)
+        write_lines(observations, signals=[signal], **GIVEN)
 
 
 def test_epochs_and_numbers_that_are_missing_are_left_out():
-    observations = missing(missing(observations_of(), (2, slice(None))), (3, 0))
-    observations = with_cells(observations, (4, 0), carrier_cyc=np.nan)
-    observations = with_cells(observations, (5, 0), pseudorange_m=-1e12)
-    parsed = parsed_from(observations, "G05a", "G30a")
+    observations = drop_cells(drop_cells(draw_observations(), (2, slice(None))), (3, 0))
+    observations = change_cells(observations, (4, 0), carrier_cyc=np.nan)
+    observations = change_cells(observations, (5, 0), pseudorange_m=-1e12)
+    parsed = parse_back(observations, "G05a", "G30a")
     assert parsed.epochs == [observations.gpst[k] for k in (0, 1, 3, 4, 5)]
     assert (2, "G05", "C1C") not in parsed.cells
     assert (2, "G30", "C1C") in parsed.cells
@@ -261,20 +261,20 @@ def test_epochs_and_numbers_that_are_missing_are_left_out():
 
 def test_nothing_to_write_is_refused():
     with pytest.raises(ValueError, match="nothing"):
-        obs_lines(missing(observations_of(), (slice(None), 0)), signals=signals_of("G05a"), **GIVEN)
+        write_lines(drop_cells(draw_observations(), (slice(None), 0)), signals=list_signals("G05a"), **GIVEN)
 
 
 def test_an_epoch_just_below_the_minute_is_rounded_as_a_whole():
-    observations = observations_of(["G05a"], 1)
+    observations = draw_observations(["G05a"], 1)
     observations = replace(observations, gpst=np.array(["2021-12-31T23:59:59.999999970"], "datetime64[ns]"))
-    parsed = parsed_from(observations, "G05a")
+    parsed = parse_back(observations, "G05a")
     assert parsed.epochs == [np.datetime64("2022-01-01T00:00:00")]
     assert parsed.header["TIME OF FIRST OBS"][0].split() == ["2022", "1", "1", "0", "0", "0.0000000", "GPS"]
 
 
 def test_a_folder_that_is_not_there_is_reported(tmp_path):
     with pytest.raises(OutputError, match="folder"):
-        write_obs(tmp_path / "gone" / "a.obs", observations_of(), signals=signals_of("G05a"), **GIVEN)
+        write_obs(tmp_path / "gone" / "a.obs", draw_observations(), signals=list_signals("G05a"), **GIVEN)
 
 
 EVERY = (
@@ -298,11 +298,11 @@ NUMBERS = {"R03": 5, "R04": -7}
 
 
 def test_signals_of_all_systems_and_bands_read_back(tmp_path):
-    o = observations_of([f"G{k + 1:02d}a" for k in range(len(EVERY))])
+    o = draw_observations([f"G{k + 1:02d}a" for k in range(len(EVERY))])
     carrier_hz = np.array([carrier_hz_of(s.band, NUMBERS.get(s.sat)) for s in EVERY])
     higher_m = np.array([1.6e7 if s.sat[0] == "J" else 0.0 for s in EVERY])  # in orbits of 24 hours
     o = replace(o, signals=EVERY, carrier_hz=carrier_hz, pseudorange_m=o.pseudorange_m + higher_m)
-    o = missing(o, (2, slice(3, 8)))
+    o = drop_cells(o, (2, slice(3, 8)))
     write_obs(tmp_path / "all.obs", o, signals=EVERY, **GIVEN)
     found = read_obs(tmp_path / "all.obs")
     assert found.observations.signals == EVERY

@@ -31,30 +31,36 @@ VERSION_2 = [
 ]
 
 
-def put_together(pieces):
-    """The observations of pieces of a file as one record."""
+def join_pieces(pieces):
+    """Join the observations of pieces of a file to one record."""
     return Observations.join([*continue_pieces(piece.observations for piece in pieces)])
 
 
-def cell(value, lli=" "):
+def write_cell(value, lli=" "):
     return f"{value:14.3f}{lli}7"
 
 
-def satellite_3(k, n):
+def write_satellite_3(k, n):
     marks = "2" if (k // 3 + n) % 4 == 0 else " "  # a half cycle, now and then
-    return f"G{n:02d}" + cell(2.2e7 + 100.0 * k + n) + cell(1e6 + 500.0 * k + n, marks) + cell(-500.0) + cell(44.0)
+    return (
+        f"G{n:02d}"
+        + write_cell(2.2e7 + 100.0 * k + n)
+        + write_cell(1e6 + 500.0 * k + n, marks)
+        + write_cell(-500.0)
+        + write_cell(44.0)
+    )
 
 
-def file_3(n_epochs=24):
+def make_file_3(n_epochs=24):
     lines = list(VERSION_3)
     for k in range(n_epochs):
         if k == 7:
             lines += [">                              4  1", f"{'a splice':60}COMMENT"]
         if k == 11:
-            lines += ["> 2024 05 14 10 00 11.0000000  6  1", "G07" + cell(0.0) + cell(3.0)]
+            lines += ["> 2024 05 14 10 00 11.0000000  6  1", "G07" + write_cell(0.0) + write_cell(3.0)]
         sats = [n for n in (5, 7, 9, 12) if (k + n) % 9]
         lines.append(f"> 2024 05 14 10 {k // 60:02d} {k % 60:2d}.0000000  {1 if k == 15 else 0}{len(sats):3d}")
-        lines += [satellite_3(k, n) for n in sats]
+        lines += [write_satellite_3(k, n) for n in sats]
         if k == 18:  # other types from now on: the phase first
             lines += [">                              4  1", TYPES_3.replace("C1C L1C", "L1C C1C")]
         if k == 20:  # a file put behind another
@@ -62,13 +68,13 @@ def file_3(n_epochs=24):
     return "\n".join([*lines, ""]).encode()
 
 
-def file_2(n_epochs=24):
+def make_file_2(n_epochs=24):
     lines = list(VERSION_2)
     for k in range(n_epochs):
         sats = [n for n in (5, 7, 9, 12) if (k + n) % 9]
         listed = "".join(f"G{n:02d}" for n in sats)
         lines.append(f" 24  5 14 10  0 {k:2d}.0000000  0{len(sats):3d}{listed}")
-        lines += [satellite_3(k, n)[3:] for n in sats]
+        lines += [write_satellite_3(k, n)[3:] for n in sats]
         if k == 7:
             lines += [f"{'':28}4  1", f"{'a splice':60}COMMENT"]
         if k == 15:
@@ -76,12 +82,12 @@ def file_2(n_epochs=24):
     return "\n".join([*lines, ""]).encode()
 
 
-def blocks(content, cuts):
+def split_content(content, cuts):
     edges = [0, *sorted(cuts), len(content)]
     return [content[a:b] for a, b in itertools.pairwise(edges)]
 
 
-def same(a, b):
+def assert_same(a, b):
     assert a.signals == b.signals
     for f in fields(a):
         first, other = getattr(a, f.name), getattr(b, f.name)
@@ -89,7 +95,7 @@ def same(a, b):
             np.testing.assert_array_equal(first, other, err_msg=f.name)
 
 
-@pytest.mark.parametrize("content", [file_3(), file_2()], ids=["3", "2"])
+@pytest.mark.parametrize("content", [make_file_3(), make_file_2()], ids=["3", "2"])
 @settings(deadline=None, max_examples=25)
 @given(st.data())
 def test_pieces_put_together_are_the_whole_file(content, data):
@@ -98,16 +104,16 @@ def test_pieces_put_together_are_the_whole_file(content, data):
     packed = data.draw(st.booleans())
     given_bytes = gzip.compress(content) if packed else content
     cuts = [min(cut, len(given_bytes)) for cut in cuts]
-    found = list(read_obs_pieces(blocks(given_bytes, cuts), piece_bytes=piece_bytes))
+    found = list(read_obs_pieces(split_content(given_bytes, cuts), piece_bytes=piece_bytes))
     whole = parse_obs(content)
-    same(put_together(found), whole.observations)
+    assert_same(join_pieces(found), whole.observations)
     remarks = [remark for piece in found for remark in piece.remarks]
     assert sum("header lines" in remark for remark in remarks) >= 1
 
 
 def test_no_piece_is_larger_than_was_asked_for():
-    content = file_3(600)
-    found = list(read_obs_pieces(blocks(content, range(500, len(content), 500)), piece_bytes=4000))
+    content = make_file_3(600)
+    found = list(read_obs_pieces(split_content(content, range(500, len(content), 500)), piece_bytes=4000))
     assert len(found) > 20
     assert max(piece.observations.gpst.size for piece in found) < 30
     assert sum(piece.observations.gpst.size for piece in found) == 600
@@ -116,7 +122,7 @@ def test_no_piece_is_larger_than_was_asked_for():
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (gzip.compress(file_3())[:-8] + b"xxxxxxxx", r"a\.obs: .*gzip"),
+        (gzip.compress(make_file_3())[:-8] + b"xxxxxxxx", r"a\.obs: .*gzip"),
         (b"\n".join(VERSION_3[i].encode() for i in (0, 1)), r"a\.obs, line 2: .*END OF HEADER"),
         (b"", "expected RINEX VERSION / TYPE"),
     ],
@@ -133,8 +139,8 @@ CRINEX = [
 MEBIBYTE = 1 << 20
 
 
-def bomb(head, filling, mebibytes):
-    """A gzip file of so many mebibytes of one filling, made without holding them."""
+def make_bomb(head, filling, mebibytes):
+    """Make a gzip file of so many mebibytes of one filling, without holding them."""
     packer = zlib.compressobj(9, zlib.DEFLATED, 31)
     unit = (filling * (MEBIBYTE // len(filling) + 1))[:MEBIBYTE]
     parts = [packer.compress("\n".join([*head, ""]).encode()), *(packer.compress(unit) for _ in range(mebibytes))]
@@ -145,31 +151,31 @@ def bomb(head, filling, mebibytes):
 @pytest.mark.parametrize("head", [VERSION_3, [], VERSION_3[:1], [*CRINEX, *VERSION_3], CRINEX])
 def test_a_gzip_bomb_is_refused_before_it_is_read(monkeypatch, head, filling):
     monkeypatch.setattr(rinex_obs_pieces, "OBSERVATION_BYTES", 8 * MEBIBYTE)
-    content = bomb(head, filling, 40)
+    content = make_bomb(head, filling, 40)
     blocks_read = 0
 
-    def counted():
+    def count():
         nonlocal blocks_read
         for at in range(0, len(content), 4096):
             blocks_read += 1
             yield content[at : at + 4096]
 
     with pytest.raises(InputError):
-        list(read_obs_pieces(counted(), source="b.gz"))
+        list(read_obs_pieces(count(), source="b.gz"))
     assert blocks_read * 4096 < 0.7 * len(content)
 
 
 def test_what_is_unpacked_has_a_bound(monkeypatch):
     monkeypatch.setattr(rinex_obs_pieces, "STREAM_BYTES", 2000)
     with pytest.raises(InputError, match=r"unpacked.*MiB"):
-        list(read_obs_pieces([gzip.compress(file_3())]))
+        list(read_obs_pieces([gzip.compress(make_file_3())]))
 
 
 def test_garbage_amid_epochs_costs_no_others(monkeypatch):
     monkeypatch.setattr(rinex_obs_pieces, "EPOCH_BYTES", 4096)
-    whole = file_3()
+    whole = make_file_3()
     at = whole.index(b"> 2024 05 14 10 00 12.")
-    found = put_together(read_obs_pieces([whole[:at], b"\0" * 20_000, b"\n", whole[at:]], piece_bytes=1024))
+    found = join_pieces(read_obs_pieces([whole[:at], b"\0" * 20_000, b"\n", whole[at:]], piece_bytes=1024))
     assert found.gpst.size == parse_obs(whole).observations.gpst.size
 
 
@@ -198,6 +204,6 @@ REAL = [
 @pytest.mark.parametrize("name", REAL)
 def test_real_files_in_pieces_are_the_whole_file(shared_data, name):
     content = (shared_data / "real" / name).read_bytes()
-    found = list(read_obs_pieces(blocks(content, range(10_007, len(content), 10_007)), piece_bytes=1 << 15))
+    found = list(read_obs_pieces(split_content(content, range(10_007, len(content), 10_007)), piece_bytes=1 << 15))
     whole = parse_obs(gzip.decompress(content) if name.endswith(".gz") else content)
-    same(put_together(found), whole.observations)
+    assert_same(join_pieces(found), whole.observations)

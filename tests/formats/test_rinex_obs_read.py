@@ -16,65 +16,68 @@ from skyproof.records import Observations, SignalId
 from skyproof.remarks import Remark, RemarkKind
 
 
-def line(text, label):
+def make_line(text, label):
     return f"{text:60}{label}"
 
 
 HEADER_2 = [
-    line("     2.11           OBSERVATION DATA    M (MIXED)", "RINEX VERSION / TYPE"),
-    line("KOSG", "MARKER NAME"),
-    line("R117                ROGUE SNR-8         Meenix 7.8", "REC # / TYPE / VERS"),
-    line("119                 AOAD/M_B", "ANT # / TYPE"),
-    line("  3899242.6490   396728.6934  5015081.6508", "APPROX POSITION XYZ"),
-    line("        0.1050        0.0000        0.0010", "ANTENNA: DELTA H/E/N"),
-    line("     6    C1    P1    L1    L2    S1    D1", "# / TYPES OF OBSERV"),
-    line("    30.0000", "INTERVAL"),
-    line("  2005     4     2     0     0    0.0000000     GPS", "TIME OF FIRST OBS"),
-    line("    13", "LEAP SECONDS"),
-    line("", "END OF HEADER"),
+    make_line("     2.11           OBSERVATION DATA    M (MIXED)", "RINEX VERSION / TYPE"),
+    make_line("KOSG", "MARKER NAME"),
+    make_line("R117                ROGUE SNR-8         Meenix 7.8", "REC # / TYPE / VERS"),
+    make_line("119                 AOAD/M_B", "ANT # / TYPE"),
+    make_line("  3899242.6490   396728.6934  5015081.6508", "APPROX POSITION XYZ"),
+    make_line("        0.1050        0.0000        0.0010", "ANTENNA: DELTA H/E/N"),
+    make_line("     6    C1    P1    L1    L2    S1    D1", "# / TYPES OF OBSERV"),
+    make_line("    30.0000", "INTERVAL"),
+    make_line("  2005     4     2     0     0    0.0000000     GPS", "TIME OF FIRST OBS"),
+    make_line("    13", "LEAP SECONDS"),
+    make_line("", "END OF HEADER"),
 ]
 HEADER_3 = [
-    line("     3.04           OBSERVATION DATA    M", "RINEX VERSION / TYPE"),
-    line("SEPT", "MARKER NAME"),
-    line("G    4 C1C L1C D1C S1C", "SYS / # / OBS TYPES"),
-    line("C    2 C2I L2I", "SYS / # / OBS TYPES"),
-    line("R    2 C1C L1C", "SYS / # / OBS TYPES"),
-    line("  2024    10    27    15    47   37.0000000     GPS", "TIME OF FIRST OBS"),
-    line(" 2 R01  1 R02 -4", "GLONASS SLOT / FRQ #"),
-    line("", "END OF HEADER"),
+    make_line("     3.04           OBSERVATION DATA    M", "RINEX VERSION / TYPE"),
+    make_line("SEPT", "MARKER NAME"),
+    make_line("G    4 C1C L1C D1C S1C", "SYS / # / OBS TYPES"),
+    make_line("C    2 C2I L2I", "SYS / # / OBS TYPES"),
+    make_line("R    2 C1C L1C", "SYS / # / OBS TYPES"),
+    make_line("  2024    10    27    15    47   37.0000000     GPS", "TIME OF FIRST OBS"),
+    make_line(" 2 R01  1 R02 -4", "GLONASS SLOT / FRQ #"),
+    make_line("", "END OF HEADER"),
 ]
 
 
-def cell(value=None, lli=" ", strength=" "):
+def write_cell(value=None, lli=" ", strength=" "):
     return " " * 16 if value is None else f"{value:14.3f}{lli}{strength}"
 
 
-def record_2(k, lli=" "):
-    """C1 P1 L1 L2 S1, and D1 on the second line."""
-    return [cell(2e7 + k) + cell() + cell(1e8 + k, lli, "7") + cell(8e7 + k) + cell(45.25), cell(-1234.5).rstrip()]
+def write_record_2(k, lli=" "):
+    """Write C1 P1 L1 L2 S1, and D1 on the second line."""
+    return [
+        write_cell(2e7 + k) + write_cell() + write_cell(1e8 + k, lli, "7") + write_cell(8e7 + k) + write_cell(45.25),
+        write_cell(-1234.5).rstrip(),
+    ]
 
 
-def epoch_2(second, names, flag=0):
+def write_epoch_2(second, names, flag=0):
     rows = [names[k : k + 12] for k in range(0, len(names), 12)]
     head = f" 05  4  2  0  0{second:11.7f}  {flag}{len(names):3d}"
     return [head + "".join(rows[0]), *(" " * 32 + "".join(row) for row in rows[1:])]
 
 
-def epoch_3(second, lines, flag=0):
+def write_epoch_3(second, lines, flag=0):
     return [f"> 2024 10 27 15 47{second:11.7f}  {flag}{len(lines):3d}", *lines]
 
 
-def sat_3(name, k=0.0, lli=" "):
+def write_sat_3(name, k=0.0, lli=" "):
     if name[0] == "G":
-        return name + cell(2e7 + k) + cell(1e8 + k, lli) + cell(-100.0) + cell(44.0).rstrip()
-    return name + cell(2e7 + k) + cell(1e8 + k, lli).rstrip()
+        return name + write_cell(2e7 + k) + write_cell(1e8 + k, lli) + write_cell(-100.0) + write_cell(44.0).rstrip()
+    return name + write_cell(2e7 + k) + write_cell(1e8 + k, lli).rstrip()
 
 
-def parsed(lines, **options):
+def parse_lines(lines, **options):
     return parse_obs("\n".join(lines).encode() + b"\n", **options)
 
 
-def column(observations, sat, band="L1", code="CA"):
+def find_column(observations, sat, band="L1", code="CA"):
     return observations.signals.index(SignalId(sat, band, code))
 
 
@@ -83,20 +86,20 @@ def column(observations, sat, band="L1", code="CA"):
 
 def test_version_2_is_read_with_blanks_events_and_odd_clocks():
     body = [
-        *epoch_2(0.0, ["G 3", "G12", "R 5"]),
-        *record_2(1.0),
-        *record_2(2.0),
-        *record_2(3.0),
+        *write_epoch_2(0.0, ["G 3", "G12", "R 5"]),
+        *write_record_2(1.0),
+        *write_record_2(2.0),
+        *write_record_2(3.0),
         "                            4  2",
-        line("RINEX FILE SPLICE", "COMMENT"),
-        line("x", "COMMENT"),
-        *epoch_2(29.996, ["G 3", "G12"]),
-        *record_2(4.0, "1"),
-        *record_2(5.0),
-        *epoch_2(59.999, ["G 3"], flag=1),
-        *record_2(6.0),
+        make_line("RINEX FILE SPLICE", "COMMENT"),
+        make_line("x", "COMMENT"),
+        *write_epoch_2(29.996, ["G 3", "G12"]),
+        *write_record_2(4.0, "1"),
+        *write_record_2(5.0),
+        *write_epoch_2(59.999, ["G 3"], flag=1),
+        *write_record_2(6.0),
     ]
-    file = parsed([*HEADER_2, *body])
+    file = parse_lines([*HEADER_2, *body])
     seen = file.observations
     assert (file.marker, file.receiver, file.antenna) == ("KOSG", "ROGUE SNR-8", "AOAD/M_B")
     assert (file.interval_s, file.time_system, file.leap_seconds) == (30.0, "GPS", 13)
@@ -107,53 +110,67 @@ def test_version_2_is_read_with_blanks_events_and_odd_clocks():
         "2005-04-02T00:00:29.996000000",
         "2005-04-02T00:00:59.999000000",
     ]
-    g3 = column(seen, "G03")
+    g3 = find_column(seen, "G03")
     np.testing.assert_array_equal(seen.pseudorange_m[:, g3], [2e7 + 1, 2e7 + 4, 2e7 + 6])
     np.testing.assert_array_equal(seen.status[:, g3], [0, 3, 3])  # loss of lock, power failure
-    np.testing.assert_array_equal(seen.status[:, column(seen, "G12")], [0, 0, 1])
+    np.testing.assert_array_equal(seen.status[:, find_column(seen, "G12")], [0, 0, 1])
     np.testing.assert_array_equal(seen.doppler_hz[0, g3], -1234.5)
     np.testing.assert_array_equal(seen.cn0_dbhz[0, g3], 45.25)
-    assert column(seen, "R05", "G1") >= 0
+    assert find_column(seen, "R05", "G1") >= 0
     assert any("events" in remark for remark in file.remarks)
-    assert np.isnan(seen.carrier_hz[column(seen, "R05", "G1")])
+    assert np.isnan(seen.carrier_hz[find_column(seen, "R05", "G1")])
 
 
 def test_an_open_half_cycle_is_marked_and_its_change_slips():
     marks = "0", "2", "3", "2", "0"
-    body = [row for k, mark in enumerate(marks) for row in epoch_3(37.0 + k, [sat_3("G05", lli=mark)])]
-    seen = parsed([*HEADER_3, *body]).observations
-    at = column(seen, "G05")
+    body = [row for k, mark in enumerate(marks) for row in write_epoch_3(37.0 + k, [write_sat_3("G05", lli=mark)])]
+    seen = parse_lines([*HEADER_3, *body]).observations
+    at = find_column(seen, "G05")
     np.testing.assert_array_equal(seen.half_cycle_open[:, at], [False, True, True, True, False])
     np.testing.assert_array_equal(seen.status[:, at], [0, 3, 3, 0, 3])
 
 
 def test_more_than_twelve_satellites_continue_on_the_next_line():
     names = [f"G{n:02d}" for n in range(1, 28)]
-    body = [*epoch_2(0.0, names), *(text for k in range(27) for text in record_2(float(k)))]
-    seen = parsed([*HEADER_2, *body]).observations
-    l1 = [column(seen, name) for name in names]
+    body = [*write_epoch_2(0.0, names), *(text for k in range(27) for text in write_record_2(float(k)))]
+    seen = parse_lines([*HEADER_2, *body]).observations
+    l1 = [find_column(seen, name) for name in names]
     np.testing.assert_array_equal(seen.pseudorange_m[0, l1], 2e7 + np.arange(27))
 
 
 def test_slips_in_an_event_record_are_reported():
-    slips = [*epoch_2(30.0, ["G 3"], flag=6), *record_2(1.0)]
-    body = [*epoch_2(0.0, ["G 3"]), *record_2(0.0), *slips, *epoch_2(30.0, ["G 3"]), *record_2(1.0)]
-    seen = parsed([*HEADER_2, *body]).observations
-    np.testing.assert_array_equal(seen.status[:, column(seen, "G03")], [0, 3])
+    slips = [*write_epoch_2(30.0, ["G 3"], flag=6), *write_record_2(1.0)]
+    body = [
+        *write_epoch_2(0.0, ["G 3"]),
+        *write_record_2(0.0),
+        *slips,
+        *write_epoch_2(30.0, ["G 3"]),
+        *write_record_2(1.0),
+    ]
+    seen = parse_lines([*HEADER_2, *body]).observations
+    np.testing.assert_array_equal(seen.status[:, find_column(seen, "G03")], [0, 3])
 
 
 def test_new_types_inside_the_data_hold_from_there_on():
-    new = line("G    2 L1C C1C", "SYS / # / OBS TYPES")
-    swapped = "G05" + cell(1e8) + cell(2.1e7)
-    body = [*epoch_3(37.0, [sat_3("G05")]), ">                              4  1", new, *epoch_3(38.0, [swapped])]
-    seen = parsed([*HEADER_3, *body]).observations
-    np.testing.assert_array_equal(seen.pseudorange_m[:, column(seen, "G05")], [2e7, 2.1e7])
-    np.testing.assert_array_equal(seen.carrier_cyc[:, column(seen, "G05")], [1e8, 1e8])
+    new = make_line("G    2 L1C C1C", "SYS / # / OBS TYPES")
+    swapped = "G05" + write_cell(1e8) + write_cell(2.1e7)
+    body = [
+        *write_epoch_3(37.0, [write_sat_3("G05")]),
+        ">                              4  1",
+        new,
+        *write_epoch_3(38.0, [swapped]),
+    ]
+    seen = parse_lines([*HEADER_3, *body]).observations
+    np.testing.assert_array_equal(seen.pseudorange_m[:, find_column(seen, "G05")], [2e7, 2.1e7])
+    np.testing.assert_array_equal(seen.carrier_cyc[:, find_column(seen, "G05")], [1e8, 1e8])
 
 
 def test_a_file_that_begins_with_an_event_is_read():
-    body = ["> 2024 10 27 15 47 36.4427602  2  0", *epoch_3(37.9774381, [sat_3("G10"), sat_3("C 6"), sat_3("R02")])]
-    file = parsed([*HEADER_3, *body])
+    body = [
+        "> 2024 10 27 15 47 36.4427602  2  0",
+        *write_epoch_3(37.9774381, [write_sat_3("G10"), write_sat_3("C 6"), write_sat_3("R02")]),
+    ]
+    file = parse_lines([*HEADER_3, *body])
     assert file.position_ecef_m is None
     assert str(file.observations.gpst[0]) == "2024-10-27T15:47:37.977438100"
     carriers = dict(zip((s.sat for s in file.observations.signals), file.observations.carrier_hz, strict=True))
@@ -163,19 +180,19 @@ def test_a_file_that_begins_with_an_event_is_read():
 @pytest.mark.parametrize(("system", "shift_s"), [("GPS", 0), ("GAL", 0), ("BDT", 14), ("GLO", 18)])
 def test_every_time_system_becomes_gps_time(system, shift_s):
     header = [text.replace("     GPS", f"     {system}") for text in HEADER_3]
-    seen = parsed([*header, *epoch_3(37.0, [sat_3("G05")])]).observations
+    seen = parse_lines([*header, *write_epoch_3(37.0, [write_sat_3("G05")])]).observations
     assert seen.gpst[0] == np.datetime64("2024-10-27T15:47:37", "ns") + np.timedelta64(shift_s, "s")
 
 
 def test_only_what_is_kept_is_there():
-    body = epoch_3(37.0, [sat_3("G05"), sat_3("C06")])
-    seen = parsed([*HEADER_3, *body], keep=lambda signal: signal.sat[0] == "C").observations
+    body = write_epoch_3(37.0, [write_sat_3("G05"), write_sat_3("C06")])
+    seen = parse_lines([*HEADER_3, *body], keep=lambda signal: signal.sat[0] == "C").observations
     assert seen.signals == (SignalId("C06", "B1", "2I"),)
 
 
 def test_a_zero_is_no_measurement_and_odd_spellings_are_numbers():
     odd = "G05" + f"{'0.000':>14}  " + f"{'12345.67':>14}  " + f"{'-.500':>14}  " + f"{'44':>14}"
-    seen = parsed([*HEADER_3, *epoch_3(37.0, [odd])]).observations
+    seen = parse_lines([*HEADER_3, *write_epoch_3(37.0, [odd])]).observations
     assert np.isnan(seen.pseudorange_m[0, 0])
     assert (seen.carrier_cyc[0, 0], seen.doppler_hz[0, 0], seen.cn0_dbhz[0, 0]) == (12345.67, -0.5, 44.0)
 
@@ -183,34 +200,46 @@ def test_a_zero_is_no_measurement_and_odd_spellings_are_numbers():
 # --- headers that do not say what stands below them
 
 
-def second_header(changes, header=HEADER_3):
-    """A header with lines changed: label to text."""
-    return [line(changes.get(text[60:], text[:60]), text[60:]) for text in header]
+def make_second_header(changes, header=HEADER_3):
+    """Make a header with lines changed: label to text."""
+    return [make_line(changes.get(text[60:], text[:60]), text[60:]) for text in header]
 
 
-SWAPPED = "G05" + cell(1e8) + cell(2.1e7)
+SWAPPED = "G05" + write_cell(1e8) + write_cell(2.1e7)
 
 
 def test_a_header_inside_the_data_holds_from_there_on():
     other = [text for text in HEADER_3 if "OBS TYPES" not in text]
-    other.insert(2, line("G    2 L1C C1C", "SYS / # / OBS TYPES"))
-    seen = parsed(
-        [*HEADER_3, *epoch_3(37.0, [sat_3("G05"), sat_3("C06")]), *other, *epoch_3(38.0, [SWAPPED, sat_3("C06")])]
+    other.insert(2, make_line("G    2 L1C C1C", "SYS / # / OBS TYPES"))
+    seen = parse_lines(
+        [
+            *HEADER_3,
+            *write_epoch_3(37.0, [write_sat_3("G05"), write_sat_3("C06")]),
+            *other,
+            *write_epoch_3(38.0, [SWAPPED, write_sat_3("C06")]),
+        ]
     )
     o = seen.observations
-    np.testing.assert_array_equal(o.pseudorange_m[:, column(o, "G05")], [2e7, 2.1e7])
-    np.testing.assert_array_equal(o.carrier_cyc[:, column(o, "G05")], [1e8, 1e8])
-    np.testing.assert_array_equal(np.isfinite(o.pseudorange_m[:, column(o, "C06", "B1", "2I")]), [True, False])
+    np.testing.assert_array_equal(o.pseudorange_m[:, find_column(o, "G05")], [2e7, 2.1e7])
+    np.testing.assert_array_equal(o.carrier_cyc[:, find_column(o, "G05")], [1e8, 1e8])
+    np.testing.assert_array_equal(np.isfinite(o.pseudorange_m[:, find_column(o, "C06", "B1", "2I")]), [True, False])
     assert sum(remark.startswith("line 12: a header") for remark in seen.remarks) == 1
 
 
 def test_a_header_of_version_2_inside_the_data_holds_too():
-    other = second_header({"# / TYPES OF OBSERV": "     2    P1    C1"}, HEADER_2)
-    cut = [*epoch_2(1.0, ["G 3", "G12"]), *record_2(1.0)]  # where the first file ends early
-    body = [*epoch_2(0.0, ["G 3"]), *record_2(0.0), *cut, *other, *epoch_2(2.0, ["G 3"]), cell(2.3e7) + cell(2.2e7)]
-    o = parsed([*HEADER_2, *body]).observations
-    np.testing.assert_array_equal(o.pseudorange_m[:, column(o, "G03")], [2e7, 2.2e7])
-    assert o.pseudorange_m[1, column(o, "G03", "L1", "W")] == 2.3e7
+    other = make_second_header({"# / TYPES OF OBSERV": "     2    P1    C1"}, HEADER_2)
+    cut = [*write_epoch_2(1.0, ["G 3", "G12"]), *write_record_2(1.0)]  # where the first file ends early
+    body = [
+        *write_epoch_2(0.0, ["G 3"]),
+        *write_record_2(0.0),
+        *cut,
+        *other,
+        *write_epoch_2(2.0, ["G 3"]),
+        write_cell(2.3e7) + write_cell(2.2e7),
+    ]
+    o = parse_lines([*HEADER_2, *body]).observations
+    np.testing.assert_array_equal(o.pseudorange_m[:, find_column(o, "G03")], [2e7, 2.2e7])
+    assert o.pseudorange_m[1, find_column(o, "G03", "L1", "W")] == 2.3e7
 
 
 @pytest.mark.parametrize(
@@ -223,24 +252,24 @@ def test_a_header_of_version_2_inside_the_data_holds_too():
     ],
 )
 def test_what_follows_a_header_of_another_file_is_left_out(changes):
-    other = second_header(changes)
+    other = make_second_header(changes)
     body = [
-        *epoch_3(37.0, [sat_3("G05")]),
+        *write_epoch_3(37.0, [write_sat_3("G05")]),
         *other,
-        *epoch_3(38.0, [SWAPPED]),
+        *write_epoch_3(38.0, [SWAPPED]),
         *HEADER_3,
-        *epoch_3(39.0, [sat_3("G05")]),
+        *write_epoch_3(39.0, [write_sat_3("G05")]),
     ]
-    file = parsed([*HEADER_3, *body])
+    file = parse_lines([*HEADER_3, *body])
     np.testing.assert_array_equal(file.observations.elapsed_s, [0.0, 2.0])
     np.testing.assert_array_equal(file.observations.pseudorange_m, [[2e7], [2e7]])
     assert any("follows" in remark for remark in file.remarks)
 
 
 def test_comments_between_satellites_change_nothing():
-    body = epoch_3(37.0, [sat_3("G05"), sat_3("G06")])
-    body.insert(2, line("a remark", "COMMENT"))
-    file = parsed([*HEADER_3, *body])
+    body = write_epoch_3(37.0, [write_sat_3("G05"), write_sat_3("G06")])
+    body.insert(2, make_line("a remark", "COMMENT"))
+    file = parse_lines([*HEADER_3, *body])
     assert np.isfinite(file.observations.pseudorange_m).sum() == 2
     assert file.remarks == ()
 
@@ -248,7 +277,7 @@ def test_comments_between_satellites_change_nothing():
 @pytest.mark.parametrize("count", [3, 5])
 def test_a_count_of_types_that_is_off_costs_nothing_and_is_said(count):
     header = [text.replace("G    4", f"G    {count}") for text in HEADER_3]
-    file = parsed([*header, *epoch_3(37.0, [sat_3("G05")])])
+    file = parse_lines([*header, *write_epoch_3(37.0, [write_sat_3("G05")])])
     assert file.observations.cn0_dbhz[0, 0] == 44.0
     assert any(re.search(rf"\b{count} \w+ types of G .*\b4\b", remark) for remark in file.remarks)
 
@@ -256,17 +285,17 @@ def test_a_count_of_types_that_is_off_costs_nothing_and_is_said(count):
 @pytest.mark.parametrize("count", [5, 7])
 def test_a_count_of_version_2_that_is_off_costs_nothing(count):
     header = [text.replace("     6    C1", f"     {count}    C1") for text in HEADER_2]
-    file = parsed([*header, *epoch_2(0.0, ["G 3", "G12"]), *record_2(1.0), *record_2(2.0)])
-    at = [column(file.observations, sat) for sat in ("G03", "G12")]
+    file = parse_lines([*header, *write_epoch_2(0.0, ["G 3", "G12"]), *write_record_2(1.0), *write_record_2(2.0)])
+    at = [find_column(file.observations, sat) for sat in ("G03", "G12")]
     np.testing.assert_array_equal(file.observations.doppler_hz[0, at], [-1234.5, -1234.5])
     assert any(re.search(r"\btypes\b.* 6\b", remark) for remark in file.remarks)
 
 
 def test_names_of_version_2_in_version_3_are_read_and_said():
     header = [text.replace("G    4 C1C L1C D1C S1C", "G    4 C1  L1  D1  S1 ") for text in HEADER_3]
-    file = parsed([*header, *epoch_3(37.0, [sat_3("G05")])])
+    file = parse_lines([*header, *write_epoch_3(37.0, [write_sat_3("G05")])])
     o = file.observations
-    at = column(o, "G05")
+    at = find_column(o, "G05")
     assert (o.pseudorange_m[0, at], o.carrier_cyc[0, at], o.doppler_hz[0, at]) == (2e7, 1e8, -100.0)
     assert any("G C1 as C1C" in remark for remark in file.remarks)
 
@@ -274,19 +303,21 @@ def test_names_of_version_2_in_version_3_are_read_and_said():
 @pytest.mark.parametrize("name", ["L2", "C9C", "Q1C", "CC"])
 def test_names_without_one_meaning_are_left_out_and_said(name):
     header = [text.replace("G    4 C1C L1C", f"G    4 C1C {name:3}") for text in HEADER_3]
-    file = parsed([*header, *epoch_3(37.0, [sat_3("G05")])])
+    file = parse_lines([*header, *write_epoch_3(37.0, [write_sat_3("G05")])])
     assert np.isnan(file.observations.carrier_cyc).all()
     assert any(remark.endswith(f": G {name}") for remark in file.remarks)
 
 
 def test_types_that_are_no_signals_are_no_fault():
     header = [text.replace("G    4 C1C L1C", "G    4 X1  C1C") for text in HEADER_3]
-    assert not parsed([*header, *epoch_3(37.0, ["G05" + cell(3.0) + cell(2e7)])]).remarks[:-1]
+    assert not parse_lines([*header, *write_epoch_3(37.0, ["G05" + write_cell(3.0) + write_cell(2e7)])]).remarks[:-1]
 
 
 def test_impossible_cells_are_left_out_and_counted():
-    body = [row for k in range(3) for row in epoch_3(37.0 + k, [sat_3("G05"), "G07" + cell(1.05e8 + k)])]
-    file = parsed([*HEADER_3, *body])
+    body = [
+        row for k in range(3) for row in write_epoch_3(37.0 + k, [write_sat_3("G05"), "G07" + write_cell(1.05e8 + k)])
+    ]
+    file = parse_lines([*HEADER_3, *body])
     assert [s.sat for s in file.observations.signals] == ["G05"]
     assert file.impossible == {"G C1C": 3}
     assert any(remark.startswith("3 cells ") for remark in file.remarks)
@@ -295,8 +326,8 @@ def test_impossible_cells_are_left_out_and_counted():
 def test_compact_files_put_together_are_read_as_one(tmp_path):
     compact = "\n".join(
         [
-            line("3.0                 COMPACT RINEX FORMAT", "CRINEX VERS   / TYPE"),
-            line("RNX2CRX", "CRINEX PROG / DATE"),
+            make_line("3.0                 COMPACT RINEX FORMAT", "CRINEX VERS   / TYPE"),
+            make_line("RNX2CRX", "CRINEX PROG / DATE"),
             *HEADER_3,
             "> 2024 10 27 15 47 37.0000000  0  1      G05",
             "",
@@ -314,15 +345,17 @@ def test_compact_files_put_together_are_read_as_one(tmp_path):
 
 
 def test_a_damaged_epoch_costs_that_epoch_and_is_reported():
-    bodies = [[*epoch_2(float(t), ["G 3", "G12"]), *record_2(t), *record_2(t)] for t in range(5)]
+    bodies = [[*write_epoch_2(float(t), ["G 3", "G12"]), *write_record_2(t), *write_record_2(t)] for t in range(5)]
     del bodies[2][3]
-    file = parsed([*HEADER_2, *(text for body in bodies for text in body)])
+    file = parse_lines([*HEADER_2, *(text for body in bodies for text in body)])
     np.testing.assert_array_equal(file.observations.elapsed_s, [0.0, 1.0, 3.0, 4.0])
     assert any(remark.startswith("line 22: ") for remark in file.remarks)
 
 
 def test_a_number_cut_by_the_end_of_the_file_is_not_taken():
-    text = "\n".join([*HEADER_3, *epoch_3(37.0, [sat_3("G05")]), *epoch_3(38.0, [sat_3("G05")])])
+    text = "\n".join(
+        [*HEADER_3, *write_epoch_3(37.0, [write_sat_3("G05")]), *write_epoch_3(38.0, [write_sat_3("G05")])]
+    )
     end = text.rindex("20000000.000") + 5
     seen = parse_obs(text[:end].encode()).observations
     assert seen.gpst.size == 2
@@ -331,8 +364,22 @@ def test_a_number_cut_by_the_end_of_the_file_is_not_taken():
 
 
 FILES = (
-    [*HEADER_2, *(t for k in range(4) for t in (*epoch_2(float(k), ["G 3", "G12"]), *record_2(k), *record_2(k)))],
-    [*HEADER_3, *(t for k in range(4) for t in epoch_3(40.0 + k, [sat_3("G05", k), sat_3("C06"), sat_3("R02")]))],
+    [
+        *HEADER_2,
+        *(
+            t
+            for k in range(4)
+            for t in (*write_epoch_2(float(k), ["G 3", "G12"]), *write_record_2(k), *write_record_2(k))
+        ),
+    ],
+    [
+        *HEADER_3,
+        *(
+            t
+            for k in range(4)
+            for t in write_epoch_3(40.0 + k, [write_sat_3("G05", k), write_sat_3("C06"), write_sat_3("R02")])
+        ),
+    ],
 )
 
 
@@ -501,10 +548,10 @@ def test_a_damaged_compact_file_ends_in_data_or_a_message(shared_data, data):
 
 def test_compact_differences_of_every_order_are_summed():
     header = [
-        line("3.0                 COMPACT RINEX FORMAT", "CRINEX VERS   / TYPE"),
-        line("x", "CRINEX PROG / DATE"),
+        make_line("3.0                 COMPACT RINEX FORMAT", "CRINEX VERS   / TYPE"),
+        make_line("x", "CRINEX PROG / DATE"),
         *HEADER_3[:2],
-        line("G    1 C1C", "SYS / # / OBS TYPES"),
+        make_line("G    1 C1C", "SYS / # / OBS TYPES"),
         HEADER_3[5],
         HEADER_3[7],
     ]

@@ -14,11 +14,11 @@ from tests.formats.sigmf_files import (
     DATATYPES,
     NO_TMP_PER_EXAMPLE,
     RATE_HZ,
-    meta_of,
-    noise,
-    numbers_of,
-    one,
-    planes_of,
+    draw_noise,
+    draw_numbers,
+    make_meta,
+    read_one,
+    read_planes,
     write,
 )
 
@@ -41,7 +41,7 @@ def test_every_type_channel_capture_and_header_reads_back(tmp_path, datatype, da
     missing = data.draw(st.lists(st.integers(0, 2), min_size=len(lengths), max_size=len(lengths)))
     trailing, offset = data.draw(st.integers(0, 4)), data.draw(st.integers(0, 9))
     numbers = 2 if datatype[0] == "c" else 1
-    stored = numbers_of(datatype, (sum(lengths), n_channels, numbers), data.draw(st.integers(0, 99)))
+    stored = draw_numbers(datatype, (sum(lengths), n_channels, numbers), data.draw(st.integers(0, 99)))
     starts = np.cumsum([0, *lengths])
     octets = (
         b"".join(
@@ -59,7 +59,7 @@ def test_every_type_channel_capture_and_header_reads_back(tmp_path, datatype, da
         }
         for number, (start, header) in enumerate(zip(starts, headers, strict=False))
     ]
-    meta = meta_of(
+    meta = make_meta(
         datatype, captures=captures, num_channels=n_channels, trailing_bytes=trailing, offset=offset, dataset="rec.dat"
     )
     opened = open_sigmf(write(tmp_path, meta, octets))
@@ -70,7 +70,7 @@ def test_every_type_channel_capture_and_header_reads_back(tmp_path, datatype, da
             jumps[int(start)] = jumps.get(int(start), 0) + n
     jumps = {start: n for start, n in jumps.items() if n and start < sum(lengths)}
     for channel, samples in enumerate(opened):
-        expected = planes_of(stored[:, channel])
+        expected = read_planes(stored[:, channel])
         assert samples.n_samples == sum(lengths)
         start, count = data.draw(st.integers(0, sum(lengths))), data.draw(st.integers(0, sum(lengths)))
         np.testing.assert_array_equal(samples.read(start, count), expected[:, start : start + count])
@@ -104,7 +104,7 @@ def test_what_a_sidecar_says_metadata_of_sigmf_say_as_well(tmp_path, data):
     (tmp_path / "rec.toml").write_text(write_sidecar_text(layout))
     meta = meta_from_layout(layout)
     validate.validate(meta)
-    raw, samples = open_raw(tmp_path / "rec.bin"), one(write(tmp_path, meta, (tmp_path / "rec.bin").read_bytes()))
+    raw, samples = open_raw(tmp_path / "rec.bin"), read_one(write(tmp_path, meta, (tmp_path / "rec.bin").read_bytes()))
     np.testing.assert_array_equal(samples.read(0, 9999), raw.read(0, 9999))
     for field in ("rate_hz", "n_samples", "centre_hz", "if_hz", "start_gpst", "antenna"):
         assert getattr(samples, field) == getattr(raw, field)
@@ -124,7 +124,7 @@ def test_packed_channels_read_as_each_by_itself(tmp_path, data):
     )
     n_channels = data.draw(st.integers(2, 4))
     octets = np.random.default_rng(data.draw(st.integers(0, 9))).bytes(240)
-    flat = one(write(tmp_path, meta_from_layout(layout), octets, "flat")).read(0, 9999)
+    flat = read_one(write(tmp_path, meta_from_layout(layout), octets, "flat")).read(0, 9999)
     for channel, samples in enumerate(
         open_sigmf(write(tmp_path, meta_from_layout(layout, n_channels=n_channels), octets))
     ):
@@ -136,8 +136,8 @@ def test_packed_channels_read_as_each_by_itself(tmp_path, data):
 @pytest.mark.parametrize("n_channels", [1, 2])
 def test_the_package_sigmf_reads_the_same_samples(tmp_path, datatype, n_channels):
     numbers = 2 if datatype[0] == "c" else 1
-    stored = numbers_of(datatype, (40, n_channels, numbers))
-    path = write(tmp_path, meta_of(datatype, num_channels=n_channels), stored.tobytes())
+    stored = draw_numbers(datatype, (40, n_channels, numbers))
+    path = write(tmp_path, make_meta(datatype, num_channels=n_channels), stored.tobytes())
     theirs = sigmffile.fromfile(str(path), autoscale=False)[:].reshape(40, n_channels)
     for channel, samples in enumerate(open_sigmf(path)):
         ours = samples.read(0, 40)
@@ -150,7 +150,7 @@ def test_the_package_sigmf_reads_the_same_samples(tmp_path, datatype, n_channels
 
 
 def test_what_the_package_sigmf_writes_is_read(tmp_path):
-    stored = noise(1000)
+    stored = draw_noise(1000)
     stored.tofile(tmp_path / "theirs.sigmf-data")
     meta = SigMFFile(
         data_file=str(tmp_path / "theirs.sigmf-data"),
@@ -159,13 +159,13 @@ def test_what_the_package_sigmf_writes_is_read(tmp_path):
     meta.add_capture(0, {"core:frequency": 1575.42e6, "core:datetime": "2022-01-01T21:45:40.250Z"})
     meta.add_annotation(100, 50, {"core:label": "tone"})
     meta.tofile(str(tmp_path / "theirs"))
-    samples = one(tmp_path / "theirs.sigmf-meta")
-    np.testing.assert_array_equal(samples.read(0, 1000), planes_of(stored))
+    samples = read_one(tmp_path / "theirs.sigmf-meta")
+    np.testing.assert_array_equal(samples.read(0, 1000), read_planes(stored))
     assert samples.start_gpst == np.datetime64("2022-01-01T21:45:58.250")
     assert [re.findall(r'\d+\.\d+|\d+|"\w+"', remark) for remark in samples.remarks] == [["1", '"tone"', "0.000"]]
     meta.archive(str(tmp_path / "packed.sigmf"))
-    packed = one(tmp_path / "packed.sigmf")
-    np.testing.assert_array_equal(packed.read(0, 1000), planes_of(stored))
+    packed = read_one(tmp_path / "packed.sigmf")
+    np.testing.assert_array_equal(packed.read(0, 1000), read_planes(stored))
     assert packed.path == str(tmp_path / "packed.sigmf")
 
 
@@ -178,14 +178,14 @@ def test_the_record_states_what_the_metadata_stated(tmp_path):
             "core:datetime": "2016-12-31T23:59:60.5Z",
         }
     ]
-    meta = meta_of(captures=captures, skyproof__antenna="mast")
-    samples = one(write(tmp_path, meta, noise(4000).tobytes(), "rx7"))
+    meta = make_meta(captures=captures, skyproof__antenna="mast")
+    samples = read_one(write(tmp_path, meta, draw_noise(4000).tobytes(), "rx7"))
     assert (samples.name, samples.format, samples.antenna) == ("rx7", "SigMF", "mast")
     assert samples.path == str(tmp_path / "rx7.sigmf-data")
     assert (samples.rate_hz, samples.centre_hz, samples.if_hz) == (4e6, 1575e6, 0.42e6)
     assert samples.start_gpst == np.datetime64("2017-01-01T00:00:17.5")  # within the leap second
     assert samples.remarks == ()
-    assert one(tmp_path / "rx7.sigmf-data").name == "rx7"
+    assert read_one(tmp_path / "rx7.sigmf-data").name == "rx7"
 
 
 @pytest.mark.parametrize(
@@ -198,13 +198,13 @@ def test_the_record_states_what_the_metadata_stated(tmp_path):
     ],
 )
 def test_dates_are_utc_and_become_gps_time(tmp_path, text, gpst):
-    meta = meta_of(captures=[{"core:sample_start": 0, "core:frequency": 1.5e9, "core:datetime": text}])
-    assert one(write(tmp_path, meta, noise(100).tobytes())).start_gpst == np.datetime64(gpst)
+    meta = make_meta(captures=[{"core:sample_start": 0, "core:frequency": 1.5e9, "core:datetime": text}])
+    assert read_one(write(tmp_path, meta, draw_noise(100).tobytes())).start_gpst == np.datetime64(gpst)
 
 
 def test_a_clock_that_was_never_set_is_reported_and_not_used(tmp_path):
     captures = [{"core:sample_start": 0, "core:frequency": 1.5e9, "core:datetime": "1970-01-01T00:00:07Z"}]
-    samples = one(write(tmp_path, meta_of(captures=captures), noise(100).tobytes()))
+    samples = read_one(write(tmp_path, make_meta(captures=captures), draw_noise(100).tobytes()))
     assert samples.start_gpst is None
     assert "clock" in samples.remarks[0]
 
@@ -219,7 +219,7 @@ def test_the_start_is_counted_back_from_the_dated_capture(tmp_path):
             "core:datetime": "2022-01-01T21:45:40Z",
         },
     ]
-    samples = one(write(tmp_path, meta_of(captures=captures), noise(1000).tobytes()))
+    samples = read_one(write(tmp_path, make_meta(captures=captures), draw_noise(1000).tobytes()))
     assert samples.gaps == (SampleGap(400, 2_000_000),)
     assert samples.start_gpst == np.datetime64("2022-01-01T21:45:57.4999")
     assert any("2000000 before sample 400" in remark for remark in samples.remarks)
@@ -230,7 +230,7 @@ def test_dates_that_samples_contradict_are_reported(tmp_path):
         {"core:sample_start": start, "core:frequency": 1.5e9, "core:datetime": f"2022-01-01T00:00:{second}Z"}
         for start, second in ((0, "00"), (400, "07"))
     ]
-    samples = one(write(tmp_path, meta_of(captures=captures), noise(1000).tobytes()))
+    samples = read_one(write(tmp_path, make_meta(captures=captures), draw_noise(1000).tobytes()))
     assert samples.gaps == ()
     assert any("captures[1] is +7.000 s" in remark for remark in samples.remarks)
 
@@ -240,36 +240,36 @@ def test_a_count_that_goes_back_is_reported_and_is_no_gap(tmp_path):
         {"core:sample_start": 0, "core:frequency": 1.5e9, "core:global_index": 900},
         {"core:sample_start": 400, "core:frequency": 1.5e9, "core:global_index": 1000},
     ]
-    samples = one(write(tmp_path, meta_of(captures=captures), noise(1000).tobytes()))
+    samples = read_one(write(tmp_path, make_meta(captures=captures), draw_noise(1000).tobytes()))
     assert samples.gaps == ()
     assert any(re.search(r"\b300 samples .*captures\[1\]", remark) for remark in samples.remarks)
 
 
 def test_captures_of_another_tuning_are_another_recording(tmp_path):
-    stored = noise(900)
+    stored = draw_noise(900)
     captures = [
         {"core:sample_start": 300 * n, "core:frequency": frequency_hz}
         for n, frequency_hz in enumerate((1575.42e6, 1227.6e6, 1575.42e6))
     ]
-    l1, l2 = open_sigmf(write(tmp_path, meta_of(captures=captures), stored.tobytes()))
+    l1, l2 = open_sigmf(write(tmp_path, make_meta(captures=captures), stored.tobytes()))
     assert (l1.name, l2.name) == ("rec-1575.42MHz", "rec-1227.6MHz")
     assert (l1.centre_hz, l2.centre_hz) == (1575.42e6, 1227.6e6)
-    np.testing.assert_array_equal(l1.read(0, 999), planes_of(np.concatenate([stored[:300], stored[600:]])))
-    np.testing.assert_array_equal(l2.read(0, 999), planes_of(stored[300:600]))
+    np.testing.assert_array_equal(l1.read(0, 999), read_planes(np.concatenate([stored[:300], stored[600:]])))
+    np.testing.assert_array_equal(l2.read(0, 999), read_planes(stored[300:600]))
     assert (l1.gaps, l2.gaps) == ((SampleGap(300, 300),), ())
     assert any(re.search(r"\b2 tunings\b", remark) for remark in l1.remarks)
 
 
 def test_a_tuning_goes_on_in_captures_that_state_none(tmp_path):
-    stored = noise(900)
+    stored = draw_noise(900)
     captures = [
         {"core:sample_start": 0, "core:frequency": 1575e6, "skyproof:if_hz": 1e5},
         {"core:sample_start": 300},
         {"core:sample_start": 600, "core:datetime": "2022-01-01T00:00:00Z"},
     ]
-    samples = one(write(tmp_path, meta_of(captures=captures), stored.tobytes()))
+    samples = read_one(write(tmp_path, make_meta(captures=captures), stored.tobytes()))
     assert (samples.name, samples.centre_hz, samples.if_hz) == ("rec", 1575e6, 1e5)
-    np.testing.assert_array_equal(samples.read(0, 999), planes_of(stored))
+    np.testing.assert_array_equal(samples.read(0, 999), read_planes(stored))
     assert any("core:frequency" in remark and "captures[1], captures[2]" in remark for remark in samples.remarks)
 
 
@@ -280,22 +280,22 @@ def test_what_goes_on_is_that_of_the_capture_before(tmp_path):
         {"core:sample_start": 200, "core:frequency": 1176.45e6},
         {"core:sample_start": 300},
     ]
-    first, *others = open_sigmf(write(tmp_path, meta_of(captures=captures), noise(400).tobytes()))
+    first, *others = open_sigmf(write(tmp_path, make_meta(captures=captures), draw_noise(400).tobytes()))
     assert (first.centre_hz, first.n_samples) == (1575.42e6, 100)
     assert [(o.centre_hz, o.n_samples) for o in others] == [(1227.6e6, 100), (1176.45e6, 200)]
 
 
 def test_an_inverted_spectrum_is_turned_back(tmp_path):
-    stored = noise(500)
-    plain = one(write(tmp_path, meta_of(), stored.tobytes())).read(0, 500)
-    turned = one(write(tmp_path, meta_of(skyproof__conjugate=True), stored.tobytes())).read(0, 500)
-    swapped = one(write(tmp_path, meta_of(skyproof__swap_iq=True), stored.tobytes())).read(0, 500)
+    stored = draw_noise(500)
+    plain = read_one(write(tmp_path, make_meta(), stored.tobytes())).read(0, 500)
+    turned = read_one(write(tmp_path, make_meta(skyproof__conjugate=True), stored.tobytes())).read(0, 500)
+    swapped = read_one(write(tmp_path, make_meta(skyproof__swap_iq=True), stored.tobytes())).read(0, 500)
     np.testing.assert_array_equal(turned, plain * [[1], [-1]])
     np.testing.assert_array_equal(swapped, plain[::-1])
 
 
 def test_samples_before_the_first_capture_are_read(tmp_path):
-    stored = noise(500)
+    stored = draw_noise(500)
     captures = [
         {
             "core:sample_start": 100,
@@ -305,39 +305,39 @@ def test_samples_before_the_first_capture_are_read(tmp_path):
         }
     ]
     octets = stored[:100].tobytes() + b"HEAD" + stored[100:].tobytes()
-    samples = one(write(tmp_path, meta_of(captures=captures), octets))
-    np.testing.assert_array_equal(samples.read(0, 999), planes_of(stored))
+    samples = read_one(write(tmp_path, make_meta(captures=captures), octets))
+    np.testing.assert_array_equal(samples.read(0, 999), read_planes(stored))
     assert samples.start_gpst == np.datetime64("2022-01-01T21:45:57.999975")
     assert samples.gaps == ()
 
 
 def test_no_capture_is_one_capture_on_l1_and_reported(tmp_path):
-    samples = one(write(tmp_path, meta_of(captures=[]), noise(500).tobytes()))
+    samples = read_one(write(tmp_path, make_meta(captures=[]), draw_noise(500).tobytes()))
     assert samples.centre_hz == 1575.42e6
     assert "core:frequency" in samples.remarks[0]
 
 
 def test_annotations_are_counted_and_labels_reported(tmp_path):
     annotations = [{"core:sample_start": 4000 * n, "core:label": f"mark {n}"} for n in range(12)] + [{}, "damaged"]
-    (remark,) = one(write(tmp_path, meta_of(annotations=annotations), noise(5000).tobytes())).remarks
+    (remark,) = read_one(write(tmp_path, make_meta(annotations=annotations), draw_noise(5000).tobytes())).remarks
     assert re.findall(r'"mark (\d+)" at 0\.00(\d) s', remark) == [(str(n), str(n)) for n in range(10)]
     assert re.match(r"14 .*\b2 more$", remark)
 
 
 def test_extensions_that_are_not_needed_are_passed_over(tmp_path):
     extensions = [{"name": "antenna", "version": "1.0.0", "optional": True}]
-    meta = meta_of(extensions=extensions, antenna__model="patch")
-    assert one(write(tmp_path, meta, noise(5000).tobytes())).remarks == ()
-    samples = one(write(tmp_path, meta_of(cpre__offset=3), noise(5000).tobytes()))
+    meta = make_meta(extensions=extensions, antenna__model="patch")
+    assert read_one(write(tmp_path, meta, draw_noise(5000).tobytes())).remarks == ()
+    samples = read_one(write(tmp_path, make_meta(cpre__offset=3), draw_noise(5000).tobytes()))
     assert "cpre:offset" in samples.remarks[0]
-    of_old = meta_of(extensions={"antenna": "0.9"}, antenna__model="patch")
-    assert one(write(tmp_path, of_old, noise(5000).tobytes())).remarks == ()
+    of_old = make_meta(extensions={"antenna": "0.9"}, antenna__model="patch")
+    assert read_one(write(tmp_path, of_old, draw_noise(5000).tobytes())).remarks == ()
 
 
 def test_a_channel_that_never_changes_costs_itself_only(tmp_path):
     stored = np.zeros((5000, 2, 2), np.int8)
-    stored[:, 1] = noise(5000)
-    (samples,) = open_sigmf(write(tmp_path, meta_of(num_channels=2), stored.tobytes()))
+    stored[:, 1] = draw_noise(5000)
+    (samples,) = open_sigmf(write(tmp_path, make_meta(num_channels=2), stored.tobytes()))
     assert samples.name == "rec-2"
     assert any(re.search(r"\brec-1\b.*\bzero\b", remark) for remark in samples.remarks)
 
@@ -346,23 +346,23 @@ def test_a_channel_that_never_changes_costs_itself_only(tmp_path):
 
 
 def test_only_a_digest_that_differs_is_reported(tmp_path):
-    octets = noise(5000).tobytes()
+    octets = draw_noise(5000).tobytes()
     right = hashlib.sha512(octets).hexdigest()
-    path = write(tmp_path, meta_of(sha512=right), octets)
-    assert one(path).remarks == ()
+    path = write(tmp_path, make_meta(sha512=right), octets)
+    assert read_one(path).remarks == ()
     reported = []
     assert check_sha512(path, lambda done, size: reported.append((done, size))) == ()
     assert reported == [(10_000, 10_000)]
     path.with_suffix(".sigmf-data").write_bytes(octets[:-1] + b"\x00")
-    assert "core:sha512" in one(path).remarks[0]
+    assert "core:sha512" in read_one(path).remarks[0]
     assert len(check_sha512(path)) == 1
 
 
 def test_long_data_are_not_digested_on_opening(tmp_path):
-    path = write(tmp_path, meta_of(sha512="0" * 128), noise(5000).tobytes())
+    path = write(tmp_path, make_meta(sha512="0" * 128), draw_noise(5000).tobytes())
     with open(path.with_suffix(".sigmf-data"), "r+b") as file:
         file.truncate(1 << 26)
-    assert not any("sha512" in remark for remark in one(path).remarks)
+    assert not any("sha512" in remark for remark in read_one(path).remarks)
 
 
 # --- what is refused
@@ -393,8 +393,8 @@ def test_long_data_are_not_digested_on_opening(tmp_path):
     ids=lambda value: json.dumps(value)[:60],
 )
 def test_wrong_metadata_are_reported_with_file_key_and_remedy(tmp_path, change, words):
-    meta = meta_of()
-    path = write(tmp_path, meta, noise(100).tobytes())
+    meta = make_meta()
+    path = write(tmp_path, meta, draw_noise(100).tobytes())
     meta["global"] |= change
     path.write_text(json.dumps(meta))
     with pytest.raises(InputError) as raised:
@@ -420,7 +420,7 @@ def test_wrong_metadata_are_reported_with_file_key_and_remedy(tmp_path, change, 
 )
 def test_wrong_captures_are_reported_with_their_place(tmp_path, captures, words):
     with pytest.raises(InputError) as raised:
-        open_sigmf(write(tmp_path, meta_of(captures=captures), noise(100).tobytes()))
+        open_sigmf(write(tmp_path, make_meta(captures=captures), draw_noise(100).tobytes()))
     assert words in str(raised.value)
 
 
@@ -438,7 +438,7 @@ def test_wrong_captures_are_reported_with_their_place(tmp_path, captures, words)
 )
 def test_metadata_of_another_form_are_reported(tmp_path, text, words):
     with pytest.raises(InputError) as raised:
-        open_sigmf(write(tmp_path, text, noise(100).tobytes()))
+        open_sigmf(write(tmp_path, text, draw_noise(100).tobytes()))
     assert str(tmp_path / "rec.sigmf-meta") in str(raised.value)
     assert words in str(raised.value)
 
@@ -446,11 +446,11 @@ def test_metadata_of_another_form_are_reported(tmp_path, text, words):
 def test_missing_files_are_reported(tmp_path):
     with pytest.raises(InputError, match=r"gone\.sigmf-meta.*exist"):
         open_sigmf(tmp_path / "gone.sigmf-meta")
-    path = write(tmp_path, meta_of(), noise(100).tobytes())
+    path = write(tmp_path, make_meta(), draw_noise(100).tobytes())
     path.unlink()
     with pytest.raises(InputError, match=r"\bno /.*rec\.sigmf-meta beside"):
         open_sigmf(tmp_path / "rec.sigmf-data")
-    path.write_text(json.dumps(meta_of(metadata_only=True)))
+    path.write_text(json.dumps(make_meta(metadata_only=True)))
     (tmp_path / "rec.sigmf-data").unlink()
     with pytest.raises(InputError, match="without samples"):
         open_sigmf(path)
@@ -461,7 +461,7 @@ def test_missing_files_are_reported(tmp_path):
 
 def test_a_misspelt_key_that_would_move_the_samples_is_reported(tmp_path):
     captures = [{"core:sample_start": 0, "core:frequency": 1.5e9, "core:headr_bytes": 4}]
-    (remark,) = one(write(tmp_path, meta_of(captures=captures), noise(5000).tobytes())).remarks
+    (remark,) = read_one(write(tmp_path, make_meta(captures=captures), draw_noise(5000).tobytes())).remarks
     assert remark.startswith("captures[0].core:headr_bytes ")
     assert remark.endswith(" core:header_bytes?")
 
@@ -471,6 +471,6 @@ def test_a_misspelt_key_that_would_move_the_samples_is_reported(tmp_path):
 
 def test_many_captures_without_a_byte_between_are_read_in_one_go(tmp_path):
     captures = [{"core:sample_start": n, "core:frequency": 1.5e9} for n in range(0, 3000, 3)]
-    samples = one(write(tmp_path, meta_of(captures=captures), noise(3000).tobytes()))
-    np.testing.assert_array_equal(samples.read(0, 3000), planes_of(noise(3000)))
+    samples = read_one(write(tmp_path, make_meta(captures=captures), draw_noise(3000).tobytes()))
+    np.testing.assert_array_equal(samples.read(0, 3000), read_planes(draw_noise(3000)))
     assert replace(samples, remarks=()).gaps == ()

@@ -16,8 +16,8 @@ WHOLE = MeasuredScene(epochs=40, step_s=0.5, max_satellites=6).records(np.random
 SLIPPING = replace(WHOLE, status=np.where(np.arange(40)[:, None] % 7 == np.arange(len(WHOLE.signals)), 3, WHOLE.status))
 
 
-def channels(observations, kept):
-    """The observations of some signals only."""
+def select_channels(observations, kept):
+    """Select the observations of some signals."""
     names = {f.name for f in fields(Observations)} - {"receiver", "signals", "gpst", "elapsed_s", "averaged_s"}
     arrays = {name: getattr(observations, name)[..., kept] for name in names}
     return replace(observations, signals=tuple(observations.signals[k] for k in kept), **arrays)
@@ -27,7 +27,7 @@ def cut(whole, cuts):
     return [whole.read(first, stop) for first, stop in zip([0, *cuts], [*cuts, whole.gpst.size], strict=True)]
 
 
-def spooled(whole, cuts, workspace=None):
+def spool(whole, cuts, workspace=None):
     log = ObservationSpool(workspace or Workspace(), whole.receiver)
     for piece in cut(whole, cuts):
         log.append(piece)
@@ -50,7 +50,7 @@ def assert_equal(one, other):
     ends=st.tuples(st.integers(0, 40), st.integers(0, 40)).map(sorted),
 )
 def test_pieces_give_what_the_whole_gives_cut_and_read_anywhere(cuts, ends):
-    log = spooled(SLIPPING, cuts)
+    log = spool(SLIPPING, cuts)
     first, stop = ends
     assert_equal(log.read(first, stop), SLIPPING.read(first, stop))
     assert log.signals == SLIPPING.signals
@@ -63,8 +63,8 @@ def test_pieces_give_what_the_whole_gives_cut_and_read_anywhere(cuts, ends):
 
 def test_a_signal_that_comes_late_was_not_tracked_before():
     log = ObservationSpool(Workspace(), WHOLE.receiver)
-    log.append(channels(WHOLE, [1, 3]).read(0, 20))
-    log.append(channels(WHOLE, [0, 3]).read(20, 40))
+    log.append(select_channels(WHOLE, [1, 3]).read(0, 20))
+    log.append(select_channels(WHOLE, [0, 3]).read(20, 40))
     assert log.signals == (WHOLE.signals[0], WHOLE.signals[1], WHOLE.signals[3])
     got = log.read(0, 40)
     assert np.array_equal(got.measured.sum(axis=0), [20, 20, 40])
@@ -74,7 +74,7 @@ def test_a_signal_that_comes_late_was_not_tracked_before():
 
 
 def test_a_piece_out_of_order_is_refused_and_loses_nothing():
-    log = spooled(WHOLE, [10])
+    log = spool(WHOLE, [10])
     with pytest.raises(ValueError, match=r"\bafter\b"):
         log.append(WHOLE.read(30, 40))
     assert_equal(log.read(0, 40), WHOLE)
@@ -90,7 +90,7 @@ def test_few_pieces_stay_in_memory_and_many_go_to_the_disk(held_epochs, monkeypa
 
 def test_a_runs_folder_goes_with_it_and_remains_with_the_next(tmp_path):
     with Workspace(tmp_path) as workspace:
-        log = spooled(WHOLE, [10], workspace)
+        log = spool(WHOLE, [10], workspace)
         assert sorted(path.name for path in (tmp_path / UNFINISHED_RUN).iterdir()) == ["README.txt", WHOLE.receiver]
         assert_equal(log.read(0, 40), WHOLE)
     assert not list(tmp_path.iterdir())
@@ -110,18 +110,18 @@ def test_a_folder_of_that_name_that_is_not_of_a_run_stays(tmp_path):
 
 
 def test_the_text_names_what_is_there_and_nothing_else(tmp_path):
-    def described() -> set[str]:
+    def describe() -> set[str]:
         text = (tmp_path / UNFINISHED_RUN / "README.txt").read_text()
         return {kind for kind in _CONTENTS if kind in text}
 
     with Workspace(tmp_path) as workspace:
         workspace.note("evidence.jsonl", ["{}"])
-        assert described() == {"evidence.jsonl"}
+        assert describe() == {"evidence.jsonl"}
         ArrayPieces(workspace, "rx1/measured").append({"arc": np.arange(3)})
         ArrayPieces(workspace, "rx1/measured").append({"arc": np.arange(3)})
-        assert described() == {"evidence.jsonl", "measured"}
+        assert describe() == {"evidence.jsonl", "measured"}
         workspace.drop_notes("evidence.jsonl")
-        assert described() == {"measured"}
+        assert describe() == {"measured"}
         assert not (tmp_path / UNFINISHED_RUN / "evidence.jsonl").exists()
 
 
@@ -150,7 +150,7 @@ def test_a_disk_that_is_full_costs_no_piece(tmp_path, monkeypatch, elsewhere):
 
 
 def test_a_temporary_folder_lasts_as_long_as_what_is_in_it():
-    log = spooled(WHOLE, [10])
+    log = spool(WHOLE, [10])
     folder = Path(log._stored._workspace._temporary.name)
     assert_equal(log.read(0, 40), WHOLE)
     assert folder.is_dir()

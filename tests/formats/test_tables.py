@@ -29,7 +29,7 @@ def read_csv(path):
 # --- tables
 
 
-def columns():
+def make_columns():
     return {
         "receiver": np.array(["rx1", 'a "b", c', "Höjd"]),
         "gpst": np.array(["2022-01-01T21:45:58.25", "NaT", "2022-01-01T21:45:59"], "datetime64[ns]"),
@@ -42,9 +42,9 @@ def columns():
 
 def test_csv_holds_what_it_was_given(tmp_path):
     path = tmp_path / "a.csv"
-    write_table(path, columns())
+    write_table(path, make_columns())
     rows = read_csv(path)
-    assert list(rows[0]) == list(columns())
+    assert list(rows[0]) == list(make_columns())
     assert [row["receiver"] for row in rows] == ["rx1", 'a "b", c', "Höjd"]
     assert [row["gpst"] for row in rows] == ["2022-01-01T21:45:58.250000000", "", "2022-01-01T21:45:59.000000000"]
     assert [row["range_m"] for row in rows] == ["0.30000000000000004", "", "-1e-300"]
@@ -55,13 +55,13 @@ def test_csv_holds_what_it_was_given(tmp_path):
 
 def test_parquet_holds_what_it_was_given(tmp_path):
     path = tmp_path / "a.parquet"
-    write_table(path, columns())
+    write_table(path, make_columns())
     table = pq.read_table(path)
-    assert table.column_names == list(columns())
+    assert table.column_names == list(make_columns())
     assert str(table.schema.field("gpst").type) == "timestamp[ns]"
-    assert table.column("gpst").to_numpy()[[0, 2]].tolist() == columns()["gpst"][[0, 2]].tolist()
+    assert table.column("gpst").to_numpy()[[0, 2]].tolist() == make_columns()["gpst"][[0, 2]].tolist()
     assert table.column("range_m").to_pylist() == [0.30000000000000004, None, -1e-300]
-    assert table.column("receiver").to_pylist() == columns()["receiver"].tolist()
+    assert table.column("receiver").to_pylist() == make_columns()["receiver"].tolist()
     assert table.column("p_value").to_pylist() == [None, 0.5, None]
 
 
@@ -103,14 +103,14 @@ def test_columns_of_unequal_length_are_refused(tmp_path):
 
 def test_another_ending_is_reported(tmp_path):
     with pytest.raises(OutputError, match=r"\.csv or \.parquet"):
-        write_table(tmp_path / "a.xlsx", columns())
+        write_table(tmp_path / "a.xlsx", make_columns())
 
 
 # --- the table of fixes
 
 
-def fix_of(receiver="rx1", lat_deg=59.41, lon_deg=16.88, status=(0, 0, 2), sigma_m=(1.0, 2.0, 5.0)):
-    """Three epochs of six signals of five satellites; the covariance is built in east, north, up."""
+def make_fix(receiver="rx1", lat_deg=59.41, lon_deg=16.88, status=(0, 0, 2), sigma_m=(1.0, 2.0, 5.0)):
+    """Make three epochs of six signals of five satellites, with a covariance built in east, north, up."""
     lat_rad, lon_rad = np.radians(lat_deg), np.radians(lon_deg)
     rot = rot_enu_ecef(lat_rad, lon_rad)
     covariance_m2 = np.eye(4)
@@ -139,11 +139,11 @@ def test_fixes_have_the_columns_of_the_design():
         "receiver,gpst,kind,lat_deg,lon_deg,height_m,sigma_east_m,sigma_north_m,sigma_up_m,clock_bias_m,satellites,"
         "horizontal_protection_m,vertical_protection_m,hidden_m"
     )
-    assert tuple(build_fixes_columns([("trusted", fix_of())])) == FIXES_COLUMNS
+    assert tuple(build_fixes_columns([("trusted", make_fix())])) == FIXES_COLUMNS
 
 
 def test_an_epoch_with_a_fix_is_a_row():
-    table = build_fixes_columns([("trusted", fix_of()), ("false", fix_of("rx2", -33.5, -70.25, status=(1, 0, 0)))])
+    table = build_fixes_columns([("trusted", make_fix()), ("false", make_fix("rx2", -33.5, -70.25, status=(1, 0, 0)))])
     assert table["receiver"].tolist() == ["rx1", "rx1", "rx2", "rx2"]
     assert table["kind"].tolist() == ["trusted", "trusted", "false", "false"]
     assert table["gpst"].astype(str).tolist() == [f"2022-01-01T21:45:{s}.000000000" for s in ("58", "59", "59")] + [
@@ -157,21 +157,21 @@ def test_an_epoch_with_a_fix_is_a_row():
 
 
 def test_sigmas_are_east_north_up():
-    table = build_fixes_columns([("trusted", fix_of(lat_deg=-20.0, lon_deg=130.0))])
+    table = build_fixes_columns([("trusted", make_fix(lat_deg=-20.0, lon_deg=130.0))])
     np.testing.assert_allclose(table["sigma_east_m"], 1.0, rtol=1e-9)
     np.testing.assert_allclose(table["sigma_north_m"], 2.0, rtol=1e-9)
     np.testing.assert_allclose(table["sigma_up_m"], 5.0, rtol=1e-9)
 
 
 def test_a_protection_level_that_is_not_promised_is_empty():
-    fix = replace(fix_of(), protection_m=np.array([[3.0, 5.0], [np.nan, 6.0], [np.nan, np.nan]]))
-    table = build_fixes_columns([("trusted", fix), ("false", fix_of())])
+    fix = replace(make_fix(), protection_m=np.array([[3.0, 5.0], [np.nan, 6.0], [np.nan, np.nan]]))
+    table = build_fixes_columns([("trusted", fix), ("false", make_fix())])
     np.testing.assert_array_equal(table["horizontal_protection_m"], [3.0, np.nan, np.nan, np.nan])
     np.testing.assert_array_equal(table["vertical_protection_m"], [5.0, 6.0, np.nan, np.nan])
 
 
 def test_csv_and_parquet_of_the_fixes_agree(tmp_path):
-    table = build_fixes_columns([("trusted", fix_of())])
+    table = build_fixes_columns([("trusted", make_fix())])
     write_table(tmp_path / "fixes.csv", table)
     write_table(tmp_path / "fixes.parquet", table)
     from_parquet = pq.read_table(tmp_path / "fixes.parquet").to_pylist()

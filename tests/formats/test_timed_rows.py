@@ -20,7 +20,7 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("rows")
 
 
-def csv(tmp_path, text):
+def write_csv(tmp_path, text):
     path = tmp_path / "a.csv"
     path.write_text(text)
     return path
@@ -48,7 +48,7 @@ def test_what_is_written_comes_back(folder, rows, ending, dated):
 
 
 def test_spaces_empty_lines_and_extra_columns_do_no_harm(tmp_path):
-    path = csv(tmp_path, '\ufefftime_s, a ,note,note,b\n0.0, 1,"x, y",,2\n\n0.5,,z,,"3"\n')
+    path = write_csv(tmp_path, '\ufefftime_s, a ,note,note,b\n0.0, 1,"x, y",,2\n\n0.5,,z,,"3"\n')
     found = read_timed_rows(path, ("a", "b"), "the rows")
     assert found.time_ns.tolist() == [0, 500_000_000]
     assert np.array_equal(found.values, [[1.0, 2.0], [np.nan, 3.0]], equal_nan=True)
@@ -81,7 +81,7 @@ HEAD = "gpst,a,b\n2022-01-01T00:00:00,1,2\n"
 )
 def test_what_cannot_be_read_says_where_and_what_to_do(tmp_path, text, words):
     with pytest.raises(InputError, match=words):
-        read_timed_rows(csv(tmp_path, text), ("a", "b"), "the rows")
+        read_timed_rows(write_csv(tmp_path, text), ("a", "b"), "the rows")
 
 
 def test_a_file_of_another_kind_is_refused(tmp_path):

@@ -54,18 +54,18 @@ KEYS = {
 }
 
 
-def objects(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
+def list_objects(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
     if isinstance(value, list):
         for item in value:
-            yield from objects(item, path)
+            yield from list_objects(item, path)
     elif isinstance(value, dict) and path not in ("settings", "versions"):
         yield path, " ".join(value)
         for key, item in value.items():
-            yield from objects(item, f"{path}.{key}".strip("."))
+            yield from list_objects(item, f"{path}.{key}".strip("."))
 
 
 def test_the_keys_are_those_of_the_format_in_its_order() -> None:
-    found = set(objects(json.loads(write_verdict_json(Verdict.model_validate(SAMPLE)))))
+    found = set(list_objects(json.loads(write_verdict_json(Verdict.model_validate(SAMPLE)))))
     assert found == set(KEYS.items())
 
 
@@ -97,8 +97,8 @@ def test_text_stays_text() -> None:
 # The schema
 
 
-def faults(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> Iterator[str]:
-    """What is wrong with a value by the keywords of JSON Schema 2020-12 that the published schema uses."""
+def find_faults(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> Iterator[str]:
+    """Find faults of a value by the keywords of JSON Schema 2020-12 that the published schema uses."""
     kinds = {
         "object": dict,
         "array": list,
@@ -129,8 +129,8 @@ def faults(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> Iterator
     }
     assert set(schema) <= known
     if "$ref" in schema:
-        yield from faults(value, root["$defs"][schema["$ref"].removeprefix("#/$defs/")], root)
-    if "anyOf" in schema and all(list(faults(value, choice, root)) for choice in schema["anyOf"]):
+        yield from find_faults(value, root["$defs"][schema["$ref"].removeprefix("#/$defs/")], root)
+    if "anyOf" in schema and all(list(find_faults(value, choice, root)) for choice in schema["anyOf"]):
         yield f"{value!r} fits no choice"
     if "type" in schema:
         kind = kinds[schema["type"]]
@@ -146,17 +146,17 @@ def faults(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> Iterator
     if ("minimum" in schema and value < schema["minimum"]) or ("maximum" in schema and value > schema["maximum"]):
         yield f"{value!r} is out of bounds"
     for item in value if "items" in schema else ():
-        yield from faults(item, schema["items"], root)
+        yield from find_faults(item, schema["items"], root)
     if schema.get("type") == "object":
         properties, extra = schema.get("properties", {}), schema.get("additionalProperties", True)
         yield from (f"{key} is missing" for key in schema.get("required", ()) if key not in value)
         for key, item in value.items():
             if key in properties:
-                yield from faults(item, properties[key], root)
+                yield from find_faults(item, properties[key], root)
             elif extra is False:
                 yield f"{key} is unknown"
             elif isinstance(extra, dict):
-                yield from faults(item, extra, root)
+                yield from find_faults(item, extra, root)
 
 
 def test_the_published_schema_is_the_one_of_the_models() -> None:
@@ -169,7 +169,7 @@ def test_the_published_schema_is_the_one_of_the_models() -> None:
 
 def test_the_published_schema_takes_the_sample() -> None:
     schema = json.loads(SCHEMA_PATH.read_text(encoding="utf-8"))
-    assert list(faults(SAMPLE, schema, schema)) == []
+    assert list(find_faults(SAMPLE, schema, schema)) == []
 
 
 @pytest.mark.parametrize(
@@ -187,12 +187,12 @@ def test_the_published_schema_takes_the_sample() -> None:
 def test_the_published_schema_refuses_what_the_models_refuse(change: Callable[[dict[str, Any]], object]) -> None:
     document, schema = copy.deepcopy(SAMPLE), json.loads(SCHEMA_PATH.read_text(encoding="utf-8"))
     change(document)
-    assert list(faults(document, schema, schema))
+    assert list(find_faults(document, schema, schema))
     with pytest.raises(ValueError, match="validation error"):
         Verdict.model_validate(document)
 
 
-def descriptions(schema: dict[str, Any]) -> Iterator[tuple[str, str]]:
+def list_descriptions(schema: dict[str, Any]) -> Iterator[tuple[str, str]]:
     for model in (schema, *schema["$defs"].values()):
         for name, field in model.get("properties", {}).items():
             yield name, field.get("description", "")
@@ -200,7 +200,7 @@ def descriptions(schema: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 def test_every_number_has_its_unit_in_the_schema() -> None:
     units = {"_m": "metres", "_s": "seconds", "_hz": "hertz", "_deg": "degrees", "_dbhz": "dB-Hz", "_gpst": "GPS time"}
-    for name, description in descriptions(make_verdict_schema()):
+    for name, description in list_descriptions(make_verdict_schema()):
         for suffix, unit in units.items():
             assert not name.endswith(suffix) or unit in description, name
 

@@ -12,12 +12,12 @@ START = np.datetime64("2024-05-14T10:00:00", "ns")
 WINDOW_S = 10.0
 
 
-def at(seconds: float) -> np.datetime64:
+def make_time(seconds: float) -> np.datetime64:
     return START + np.timedelta64(round(seconds * 1e9), "ns")
 
 
-def ref(name: str, receiver: str = "rx1") -> SignalRef:
-    """ "G05a" in a receiver."""
+def make_ref(name: str, receiver: str = "rx1") -> SignalRef:
+    """Make the reference "G05a" of a receiver."""
     return SignalRef(receiver, SignalId(name[:3], copy=name[3:]))
 
 
@@ -35,7 +35,12 @@ class Invented:
         slips=None,
         found=None,
     ):
-        """there: name to (first, last) epoch; slips: name to epochs; found: name to (missed_s, found_s)."""
+        """Make observations.
+        there : name to (first, last) epoch.
+
+        slips : name to epochs.
+        found : name to (missed_s, found_s).
+        """
         n, k = duration_s, len(names)
         measured = np.ones((n, k), bool)
         status = np.zeros((n, k), np.uint8)
@@ -57,8 +62,8 @@ class Invented:
         elapsed_s = np.arange(n, dtype=float)
         return Observations(
             receiver=receiver,
-            signals=tuple(ref(name).signal for name in names),
-            gpst=at(begin_s) + (elapsed_s * 1e9).astype("timedelta64[ns]"),
+            signals=tuple(make_ref(name).signal for name in names),
+            gpst=make_time(begin_s) + (elapsed_s * 1e9).astype("timedelta64[ns]"),
             elapsed_s=elapsed_s,
             status=status,
             found_elapsed_s=found_s,
@@ -78,13 +83,13 @@ class Invented:
         code="",
         **more,
     ):
-        """What a detector says of the same signals in all of these receivers, in a window."""
+        """Make what a detector finds about the same signals in all of these receivers, in a window."""
         return finding_from_evidence(
             Evidence(
                 detector=detector,
-                start_gpst=at(window * WINDOW_S),
-                end_gpst=at((window + 1) * WINDOW_S),
-                subject=tuple(ref(name, receiver) for receiver in receivers for name in names),
+                start_gpst=make_time(window * WINDOW_S),
+                end_gpst=make_time((window + 1) * WINDOW_S),
+                subject=tuple(make_ref(name, receiver) for receiver in receivers for name in names),
                 says=says,
                 because="why",
                 p_value=p_value,
@@ -96,16 +101,16 @@ class Invented:
 
     @staticmethod
     def restate(finding, **changes):
-        """The same but for these fields of what the detector says."""
+        """Copy a finding with these fields changed."""
         return finding_from_evidence(replace(finding.estimates["evidence"], **changes))
 
     @staticmethod
     def sky(window: int, *names: str, receiver="rx1"):
-        """A consistent set."""
+        """Make a consistent set."""
         return ConsistentSet(
             receiver=receiver,
-            signals=tuple(ref(name).signal for name in names),
-            gpst=at((window + 0.5) * WINDOW_S),
+            signals=tuple(make_ref(name).signal for name in names),
+            gpst=make_time((window + 0.5) * WINDOW_S),
             position_ecef_m=np.zeros(3),
             clock_bias_s=0.0,
             covariance_m2=np.eye(4),
@@ -114,8 +119,8 @@ class Invented:
             p_value=0.3,
         )
 
-    at = staticmethod(at)
-    ref = staticmethod(ref)
+    at = staticmethod(make_time)
+    ref = staticmethod(make_ref)
 
 
 @pytest.fixture

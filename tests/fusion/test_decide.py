@@ -14,17 +14,17 @@ SATS = tuple(f"G{n:02d}" for n in range(1, 11))
 ALPHA = 1e-6
 
 
-def refs(receiver="rx1", sats=SATS):
+def make_refs(receiver="rx1", sats=SATS):
     return tuple(SignalRef(receiver, SignalId(sat, "L1", "CA", "a")) for sat in sats)
 
 
-def finding(p, hypothesis=Hypothesis.ONE_POSITION, *, window=0, alpha=ALPHA, receiver="rx1"):
+def make_finding(p, hypothesis=Hypothesis.ONE_POSITION, *, window=0, alpha=ALPHA, receiver="rx1"):
     start = T0 + np.timedelta64(10 * window, "s")
     return Finding(
         detector=f"test_of_{hypothesis.value}",
         start_gpst=start,
         end_gpst=start + np.timedelta64(10, "s"),
-        signals=refs(receiver),
+        signals=make_refs(receiver),
         hypothesis=hypothesis,
         code="x",
         p=p,
@@ -36,11 +36,11 @@ PASSED = {Cause.CLEAN: 0.5}
 OPEN = {Cause.CLEAN: 1e-9, Cause.REFLECTIONS: 0.3}
 ATTACK = {Cause.CLEAN: 1e-9, Cause.REFLECTIONS: 1e-9}
 SHOWN = {
-    "attack": finding(ATTACK),
-    "stopped": finding(OPEN, Hypothesis.CONTINUOUS),
-    "failed": finding(OPEN),
-    "true": finding({Cause.FALSE_SKY: 1e-9}, Hypothesis.FALSE_SKY),
-    "nothing": finding(PASSED),
+    "attack": make_finding(ATTACK),
+    "stopped": make_finding(OPEN, Hypothesis.CONTINUOUS),
+    "failed": make_finding(OPEN),
+    "true": make_finding({Cause.FALSE_SKY: 1e-9}, Hypothesis.FALSE_SKY),
+    "nothing": make_finding(PASSED),
 }
 TABLE = {
     ("true",): "spoofed suspect suspect authentic no_attack_seen",
@@ -83,7 +83,7 @@ def test_another_receivers_findings_change_no_word():
 
 
 def test_one_cause_that_explains_all_leaves_it_open():
-    both = [finding(OPEN), finding({Cause.CLEAN: 1e-9, Cause.REFLECTIONS: 0.2, Cause.FAULT: 0.4})]
+    both = [make_finding(OPEN), make_finding({Cause.CLEAN: 1e-9, Cause.REFLECTIONS: 0.2, Cause.FAULT: 0.4})]
     assert weigh(both, "rx1") is None
     state, _ = decide(Deciding(), both, ("rx1",), T0, T0 + np.timedelta64(10, "s"))
     assert state.words[-1].causes == (Cause.REFLECTIONS,)
@@ -91,8 +91,8 @@ def test_one_cause_that_explains_all_leaves_it_open():
 
 def test_two_causes_together_leave_it_open():
     both = [
-        finding(OPEN | {Cause.OSCILLATOR: 1e-9}),
-        finding({Cause.CLEAN: 1e-9, Cause.OSCILLATOR: 1.0, Cause.REFLECTIONS: 1e-9}),
+        make_finding(OPEN | {Cause.OSCILLATOR: 1e-9}),
+        make_finding({Cause.CLEAN: 1e-9, Cause.OSCILLATOR: 1.0, Cause.REFLECTIONS: 1e-9}),
     ]
     assert weigh(both, "rx1") is None
     state, _ = decide(Deciding(), both, ("rx1",), T0, T0 + np.timedelta64(10, "s"))
@@ -103,11 +103,11 @@ THREE = (Cause.OSCILLATOR, Cause.FAULT, Cause.REFLECTIONS)
 
 
 def test_a_cause_that_a_test_does_not_list_stays_open():
-    assert weigh([finding({Cause.CLEAN: 1e-30, cause: 1.0}) for cause in THREE], "rx1") is None
+    assert weigh([make_finding({Cause.CLEAN: 1e-30, cause: 1.0}) for cause in THREE], "rx1") is None
 
 
 def test_what_no_two_causes_explain_is_an_attack():
-    three = [finding(dict.fromkeys((Cause.CLEAN, *THREE), 1e-30) | {cause: 1.0}) for cause in THREE]
+    three = [make_finding(dict.fromkeys((Cause.CLEAN, *THREE), 1e-30) | {cause: 1.0}) for cause in THREE]
     found = weigh(three, "rx1")
     assert found.says == "attack"
     assert found.alpha == pytest.approx(3 * ALPHA)
@@ -119,7 +119,7 @@ def test_what_no_two_causes_explain_is_an_attack():
 
 def test_findings_of_different_windows_are_not_weighed_together(invented):
     every = dict.fromkeys((Cause.CLEAN, *THREE), 1e-30)
-    apart = [finding(every | {cause: 1.0}, window=n) for n, cause in enumerate(THREE)]
+    apart = [make_finding(every | {cause: 1.0}, window=n) for n, cause in enumerate(THREE)]
     state = decide_all(apart, [invented.observations()])
     assert state.word == "suspect"
 
@@ -127,8 +127,8 @@ def test_findings_of_different_windows_are_not_weighed_together(invented):
 # --- the table of the guide to decisions: ten satellites, a place that is known, one and two satellites spoilt
 
 
-def p_values(errors_m, shown_off_m, rng, n):
-    """Of n draws: p-values (n,) of both tests by cause, ranges of 1 m and a place that is known to 1 m."""
+def draw_p_values(errors_m, shown_off_m, rng, n):
+    """Draw p-values (n,) of both tests by cause, for ranges of 1 m and a place that is known to 1 m."""
     unit = rng.normal(size=(10, 3))
     unit[:, 2] = np.abs(unit[:, 2])
     unit /= np.linalg.norm(unit, axis=1, keepdims=True)
@@ -136,7 +136,7 @@ def p_values(errors_m, shown_off_m, rng, n):
     ranges_m = rng.normal(size=(n, 10)) + errors_m + design[:, :3] @ shown_off_m
     known_m = rng.normal(size=(n, 3))
 
-    def tests(kept):
+    def select_tests(kept):
         gain = np.linalg.pinv(design[kept])
         solved = ranges_m[:, kept] @ gain.T
         residual = ranges_m[:, kept] - solved @ design[kept].T
@@ -146,7 +146,7 @@ def p_values(errors_m, shown_off_m, rng, n):
         return fit, chi2.sf(np.einsum("ni,ij,nj->n", off, np.linalg.inv(cov), off), 3)
 
     ways = {cause: [set(range(10)) - set(out) for out in combinations(range(10), k)] for cause, k in SPOILT.items()}
-    found = {cause: [tests(sorted(kept)) for kept in each] for cause, each in ways.items()}
+    found = {cause: [select_tests(sorted(kept)) for kept in each] for cause, each in ways.items()}
     return {cause: np.max(np.array(each), axis=0) for cause, each in found.items()}
 
 
@@ -164,12 +164,12 @@ SPOILT = {Cause.CLEAN: 0, Cause.FAULT: 1, Cause.REFLECTIONS: 2}
 )
 def test_words_have_their_rates_under_each_cause(errors_m, off_m, suspect, spoofed):
     rng, n = np.random.default_rng(7), 1000
-    p = p_values(np.array(errors_m), np.array([off_m, 0.0, 0.0]), rng, n)
+    p = draw_p_values(np.array(errors_m), np.array([off_m, 0.0, 0.0]), rng, n)
     nulls = (Hypothesis.ONE_POSITION, Hypothesis.AS_STATED)
     words = []
     for draw in range(n):
         window = [
-            finding({cause: float(value[test, draw]) for cause, value in p.items()}, null, alpha=0.005)
+            make_finding({cause: float(value[test, draw]) for cause, value in p.items()}, null, alpha=0.005)
             for test, null in enumerate(nulls)
         ]
         state, _ = decide(Deciding(), window, ("rx1",), T0, T0 + np.timedelta64(10, "s"))

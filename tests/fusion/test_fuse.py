@@ -18,14 +18,14 @@ def pair(invented):
     return [invented.observations(receiver=receiver) for receiver in BOTH]
 
 
-def taken(o, rows):
-    """Of observations the epochs with these numbers."""
+def take_epochs(o, rows):
+    """Take the epochs with these numbers."""
     cells = ("gpst", "elapsed_s", "status", "half_cycle_open", *OBSERVABLES)
     return replace(o, **{name: getattr(o, name)[rows] for name in cells})
 
 
-def attacked_pair(invented):
-    """Every satellite twice from 12 s on."""
+def make_attacked_pair(invented):
+    """Make a pair in which every satellite appears twice from 12 s on."""
     return [
         invented.observations(
             (*SKY, *FALSE),
@@ -126,7 +126,7 @@ def test_time_without_any_fix_is_stated_beside_authentic(invented):
 @pytest.mark.parametrize(("word", "verdict"), [("clean", "no_attack_seen"), ("attack", "spoofed")])
 def test_time_without_signals_is_stated_whatever_the_verdict(invented, word, verdict):
     lost = invented.observations(SKY, there=dict.fromkeys(SKY[1:], (8, 39)))
-    for observed in (lost, taken(lost, np.r_[0, 8:40])):
+    for observed in (lost, take_epochs(lost, np.r_[0, 8:40])):
         decision = fuse([invented.evidence(3, word, *SKY)], [observed], [])
         assert decision.verdict == verdict
         assert decision.without_fix_s == (("rx1", 8.0),)
@@ -212,14 +212,14 @@ def test_a_suspicion_is_dated_by_the_test_that_dates_it(invented, pair):
 
 
 def test_a_suspicion_names_the_causes_that_all_windows_allow(invented, pair):
-    def failed(window, p_value, detector, *causes):
+    def fail(window, p_value, detector, *causes):
         return invented.evidence(window, "undecided", *SKY, p_value=p_value, detector=detector, may_also_be=causes)
 
-    said = [failed(w, p, "two", "shade", "gain") for w, p in enumerate((1e-7, 1e-30, 1e-9))]
-    said.append(failed(3, 1e-60, "three", "fault", "shade"))
+    said = [fail(w, p, "two", "shade", "gain") for w, p in enumerate((1e-7, 1e-30, 1e-9))]
+    said.append(fail(3, 1e-60, "three", "fault", "shade"))
     found = fuse(said, pair, []).suspicion
     assert (found.finding, found.may_also_be) == (said[1], ("shade",))
-    said[3] = failed(3, 1e-60, "three", "fault")
+    said[3] = fail(3, 1e-60, "three", "fault")
     assert fuse(said, pair, []).suspicion.may_also_be == ("shade", "gain", "fault")
 
 
@@ -259,8 +259,8 @@ def test_an_attack_is_dated_by_what_overruled_just_before(invented, pair):
 # --- what stays unexplained
 
 
-def doubled(invented, *, late_m: float, over_db: float):
-    """A pair whose first receiver has a second signal of G05, all the time."""
+def make_doubled_pair(invented, *, late_m: float, over_db: float):
+    """Make a pair whose first receiver has a second signal of G05 all the time."""
     o = invented.observations((*SKY, "G05b"))
     pseudorange_m, cn0_dbhz = o.pseudorange_m.copy(), np.full_like(o.cn0_dbhz, 45.0)
     pseudorange_m[:, -1] += late_m
@@ -274,7 +274,7 @@ def doubled(invented, *, late_m: float, over_db: float):
 )
 def test_a_second_signal_that_is_no_echo_leaves_all_open(invented, late_m, over_db, kind, verdict):
     evidence = [invented.evidence(w, "authentic", *SKY, receivers=BOTH) for w in range(4)]
-    decision = fuse(evidence, doubled(invented, late_m=late_m, over_db=over_db), [])
+    decision = fuse(evidence, make_doubled_pair(invented, late_m=late_m, over_db=over_db), [])
     assert [(str(u.ref.signal), u.kind, u.cn0_dbhz, u.over_db) for u in decision.unexplained] == [
         ("G05 L1 CA b", kind, 45.0 + over_db, over_db)
     ]
@@ -294,7 +294,9 @@ def test_a_second_signal_that_is_no_echo_leaves_all_open(invented, late_m, over_
 def test_two_unknown_signals_of_a_satellite_leave_all_open(invented, late_m, over_db, kind, verdict, epoch_s):
     # Also in a recording of tens of milliseconds.
     evidence = [invented.evidence(w, "authentic", *SKY[1:], receivers=BOTH) for w in range(4)]
-    observed = [replace(o, elapsed_s=epoch_s * o.elapsed_s) for o in doubled(invented, late_m=late_m, over_db=over_db)]
+    observed = [
+        replace(o, elapsed_s=epoch_s * o.elapsed_s) for o in make_doubled_pair(invented, late_m=late_m, over_db=over_db)
+    ]
     decision = fuse(evidence, observed, [])
     found = {str(u.ref.signal): u.kind for u in decision.unexplained if u.ref.receiver == "rx1"}
     assert found == {"G05 L1 CA a": "untested", "G05 L1 CA b": kind}
@@ -302,7 +304,7 @@ def test_two_unknown_signals_of_a_satellite_leave_all_open(invented, late_m, ove
 
 
 def test_satellites_received_twice_are_counted_while_open(invented):
-    (o, _) = doubled(invented, late_m=500.0, over_db=8.0)
+    (o, _) = make_doubled_pair(invented, late_m=500.0, over_db=8.0)
     decision = fuse([], [o], [])
     assert [(str(u.ref.signal), u.kind, u.over_db) for u in decision.unexplained] == [("G05 L1 CA b", "double", 8.0)]
 
@@ -330,7 +332,7 @@ def test_signals_that_are_received_for_a_moment_are_not_counted(invented):
 # --- under attack
 
 
-def decided(invented, windows=range(1, 4)):
+def decide_windows(invented, windows=range(1, 4)):
     return [
         invented.evidence(w, says, *names, receivers=BOTH)
         for w in windows
@@ -341,7 +343,7 @@ def decided(invented, windows=range(1, 4)):
 def test_a_decided_attack_has_source_onset_and_no_open_question(invented):
     clean = [invented.evidence(0, "authentic", *SKY, receivers=BOTH)]
     sets = [invented.sky(w, *names) for w in (1, 2, 3) for names in (SKY, FALSE)]
-    decision = fuse([*clean, *decided(invented)], attacked_pair(invented), sets)
+    decision = fuse([*clean, *decide_windows(invented)], make_attacked_pair(invented), sets)
     assert decision.verdict == "spoofed"
     assert decision.open is None
     assert decision.skies == ()
@@ -356,13 +358,13 @@ def test_a_decided_attack_has_source_onset_and_no_open_question(invented):
 def test_one_spoofed_window_outweighs_many_authentic_ones(invented):
     evidence = [invented.evidence(w, "authentic", *SKY, receivers=BOTH) for w in range(4)]
     evidence.append(invented.evidence(2, "spoofed", *FALSE, receivers=BOTH))
-    assert fuse(evidence, attacked_pair(invented), []).verdict == "spoofed"
+    assert fuse(evidence, make_attacked_pair(invented), []).verdict == "spoofed"
 
 
 def test_an_attack_with_a_receiver_left_open_says_which(invented):
     evidence = [invented.evidence(w, "spoofed", *FALSE, receivers=BOTH) for w in range(1, 4)]
     evidence += [invented.evidence(w, "authentic", *SKY, receivers=("rx1",)) for w in range(4)]
-    decision = fuse(evidence, attacked_pair(invented), [])
+    decision = fuse(evidence, make_attacked_pair(invented), [])
     assert decision.verdict == "spoofed"
     assert decision.open.receivers == ("rx2",)
 
@@ -394,7 +396,7 @@ def test_an_attack_that_ends_is_reported(invented):
         )
         for r in BOTH
     ]
-    evidence = decided(invented, windows=(1, 2)) + [
+    evidence = decide_windows(invented, windows=(1, 2)) + [
         invented.evidence(w, "authentic", *SKY, receivers=BOTH) for w in (0, 3)
     ]
     assert fuse(evidence, observed, []).until == invented.at(28)
@@ -404,7 +406,7 @@ def test_an_attack_that_ends_is_reported(invented):
 
 
 def test_two_skies_are_shown_while_it_is_open_which_is_true(invented):
-    (observed, _) = attacked_pair(invented)
+    (observed, _) = make_attacked_pair(invented)
     sets = [invented.sky(0, *SKY)] + [invented.sky(w, *names) for w in (1, 2, 3) for names in (SKY, FALSE)]
     evidence = [invented.evidence(w, "attack", *SKY, *FALSE) for w in (1, 2, 3)]
     decision = fuse(evidence, [observed], sets)
@@ -418,7 +420,7 @@ def test_two_skies_are_shown_while_it_is_open_which_is_true(invented):
 
 def test_skies_that_swap_signals_for_a_window_do_not_become_one(invented):
     # A set that takes one signal of the other sky in one window must not tie both skies together.
-    (observed, _) = attacked_pair(invented)
+    (observed, _) = make_attacked_pair(invented)
     mixed = ("G05a", "G07a", "G10a", "G13a", "G15b"), ("G05b", "G07b", "G10b", "G13b", "G15a")
     sets = [invented.sky(w, *names) for w in (1, 3) for names in (SKY, FALSE)] + [invented.sky(2, *m) for m in mixed]
     evidence = [invented.evidence(w, "attack", *SKY, *FALSE) for w in (1, 2, 3)]

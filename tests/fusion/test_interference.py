@@ -27,7 +27,7 @@ def window(number: int, *rises: NoiseRise) -> Finding:
     )
 
 
-def rise(first: int, last: int, fall_db: float, carrier: str = "L1", **more) -> NoiseRise:
+def make_rise(first: int, last: int, fall_db: float, carrier: str = "L1", **more) -> NoiseRise:
     values = {"level_db": None, "lost": 0, "signs": ("cn0",), "may_be_shade": True}
     return NoiseRise(
         receiver="rx1",
@@ -41,9 +41,11 @@ def rise(first: int, last: int, fall_db: float, carrier: str = "L1", **more) -> 
 
 
 def test_windows_in_a_row_are_one_spell_of_the_strongest() -> None:
-    lost = rise(20, 29, 14.0, lost=6, signs=("cn0", "lost"))
-    level = rise(20, 29, 9.0, "L5", level_db=8.0, may_be_shade=False)
-    (spell,) = join_spells([window(1, rise(13, 19, 7.0)), window(2, lost, level), window(3, rise(30, 34, 12.0))], [RX])
+    lost = make_rise(20, 29, 14.0, lost=6, signs=("cn0", "lost"))
+    level = make_rise(20, 29, 9.0, "L5", level_db=8.0, may_be_shade=False)
+    (spell,) = join_spells(
+        [window(1, make_rise(13, 19, 7.0)), window(2, lost, level), window(3, make_rise(30, 34, 12.0))], [RX]
+    )
     assert (spell.since_gpst, spell.until_gpst) == (RX.gpst[13], RX.gpst[34])
     assert spell.carriers == ("L1", "L5")
     assert (spell.fall_db, spell.lost, spell.level_db) == (14.0, 6, 8.0)
@@ -52,12 +54,12 @@ def test_windows_in_a_row_are_one_spell_of_the_strongest() -> None:
 
 
 def test_a_window_without_it_parts_spells() -> None:
-    spells = join_spells([window(1, rise(13, 19, 7.0)), window(2), window(3, rise(30, 39, 5.0))], [RX])
+    spells = join_spells([window(1, make_rise(13, 19, 7.0)), window(2), window(3, make_rise(30, 39, 5.0))], [RX])
     assert [(s.since_gpst, s.fall_db) for s in spells] == [(RX.gpst[13], 7.0), (RX.gpst[30], 5.0)]
 
 
 def test_a_spell_at_the_end_lasts() -> None:
-    (spell,) = join_spells([window(5, rise(52, 59, 7.0))], [RX])
+    (spell,) = join_spells([window(5, make_rise(52, 59, 7.0))], [RX])
     assert spell.until_gpst is None
 
 

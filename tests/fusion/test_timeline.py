@@ -10,7 +10,7 @@ from skyproof.fusion.timeline import date_end, date_onset
 from skyproof.records import SignalId, SignalRef
 
 
-def false(invented, name, first, last, receiver="rx1"):
+def label_false(invented, name, first, last, receiver="rx1"):
     return LabelledSignal(
         ref=invented.ref(name, receiver), label="spoofed", first_epoch=first, last_epoch=last, because=()
     )
@@ -63,13 +63,15 @@ def test_no_signal_has_no_onset(invented):
 
 def test_the_attack_ends_when_all_receivers_go_on_without_it(invented):
     observed = [invented.observations(("G05b",), receiver=receiver) for receiver in ("rx1", "rx2")]
-    ended = [false(invented, "G05b", 10, 30), false(invented, "G05b", 10, 31, "rx2")]
+    ended = [label_false(invented, "G05b", 10, 30), label_false(invented, "G05b", 10, 31, "rx2")]
     assert date_end(ended, observed) == invented.at(31)
-    assert date_end([ended[0], false(invented, "G05b", 10, 38, "rx2")], observed) is None  # one s before the end
+    assert date_end([ended[0], label_false(invented, "G05b", 10, 38, "rx2")], observed) is None  # one s before the end
     assert date_end([], observed) is None
 
 
 def test_the_last_false_signal_decides_the_end(invented):
     o = invented.observations(("G05b", "G07b"))
-    assert date_end([false(invented, "G05b", 10, 20), false(invented, "G07b", 12, 33)], [o]) == invented.at(33)
-    assert date_end([false(invented, "G05b", 10, 20), false(invented, "G07b", 12, 39)], [o]) is None
+    assert date_end([label_false(invented, "G05b", 10, 20), label_false(invented, "G07b", 12, 33)], [o]) == invented.at(
+        33
+    )
+    assert date_end([label_false(invented, "G05b", 10, 20), label_false(invented, "G07b", 12, 39)], [o]) is None

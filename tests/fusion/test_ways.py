@@ -18,34 +18,34 @@ ASKED, RUNS = 0.05, 800
 DETECTORS = ("common_change", "continuity", "residual", "second_signals")
 
 
-def windows_of(p_values):
-    """Of (n_windows, n_detectors) p-values."""
+def make_windows(p_values):
+    """Make windows of (n_windows, n_detectors) p-values."""
     return [[(name, float(p), True) for name, p in zip(DETECTORS, row, strict=True)] for row in p_values]
 
 
-def alarms(way, draw) -> float:
-    """Share of runs of six windows with an alarm at `ASKED`; two sigma of it are 0.015."""
+def count_alarms(way, draw) -> float:
+    """Return the share of runs of six windows with an alarm at `ASKED`; two sigma of it are 0.015."""
     rng = np.random.default_rng(3)
-    return float(np.mean([fused.WAYS[way](windows_of(draw(rng))) < ASKED for _ in range(RUNS)]))
+    return float(np.mean([fused.WAYS[way](make_windows(draw(rng))) < ASKED for _ in range(RUNS)]))
 
 
 @pytest.mark.parametrize("way", ["union", "Holm", "Cauchy", "Fisher"])
 def test_of_independent_tests_alarms_come_at_the_asked_rate(way):
-    assert alarms(way, lambda rng: rng.random((6, 4))) == pytest.approx(ASKED, abs=0.02)
+    assert count_alarms(way, lambda rng: rng.random((6, 4))) == pytest.approx(ASKED, abs=0.02)
 
 
 @pytest.mark.parametrize("way", ["union", "Holm", "Cauchy", "majority"])
 def test_alarms_of_equal_tests_keep_the_asked_rate(way):
-    assert alarms(way, lambda rng: np.full((6, 4), rng.random())) < ASKED + 0.02
+    assert count_alarms(way, lambda rng: np.full((6, 4), rng.random())) < ASKED + 0.02
 
 
 def test_fisher_believes_one_test_as_often_as_it_is_repeated():
-    assert alarms("Fisher", lambda rng: np.full((6, 4), rng.random())) > 4.0 * ASKED
+    assert count_alarms("Fisher", lambda rng: np.full((6, 4), rng.random())) > 4.0 * ASKED
 
 
 def test_a_majority_needs_more_than_one_detector():
-    alone = windows_of([[1e-12, 1.0, 1.0, 1.0]])
-    most = windows_of([[1e-12, 1e-9, 1e-9, 1.0]])
+    alone = make_windows([[1e-12, 1.0, 1.0, 1.0]])
+    most = make_windows([[1e-12, 1e-9, 1e-9, 1.0]])
     assert fused.majority(alone) == 1.0
     assert fused.majority(most) < 1e-8
 
@@ -53,14 +53,14 @@ def test_a_majority_needs_more_than_one_detector():
 def test_holm_alarms_as_the_union_does_and_rejects_more_tests():
     rng = np.random.default_rng(4)
     for _ in range(50):
-        windows = windows_of(rng.random((6, 4)) ** 4)
+        windows = make_windows(rng.random((6, 4)) ** 4)
         assert fused.holm(windows) == pytest.approx(fused.union(windows))
-    by_union, by_holm = fused._rejected(windows_of([[1e-9, 1e-8, 3e-4, 0.5]]))
+    by_union, by_holm = fused._rejected(make_windows([[1e-9, 1e-8, 3e-4, 0.5]]))
     assert (by_union, by_holm) == (2, 3)
 
 
 def test_tests_that_cannot_reject_do_not_blind_the_tangents():
-    windows = windows_of([[1e-12, 1.0, 1.0, 1.0], *np.ones((24, 4))])
+    windows = make_windows([[1e-12, 1.0, 1.0, 1.0], *np.ones((24, 4))])
     assert 1e-11 < fused.cauchy(windows) < 1e-9
 
 

@@ -19,12 +19,12 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from tests.fuzz.mutations import mutated
+from tests.fuzz.mutations import mutate_seed
 from tests.fuzz.readers import READERS, Reader
 
 from skyproof.errors import SkyproofError
 
-__all__ = ["fuzz", "input_of"]
+__all__ = ["fuzz", "make_input"]
 
 MOST_S, MOST_BYTES = 5.0, 1 << 30
 LONGEST_MESSAGE = 3100
@@ -34,18 +34,18 @@ class TooSlow(BaseException):
     """Five seconds of work are over."""
 
 
-def input_of(name: str, seed: int, number: int) -> bytes:
-    """The input of this number."""
+def make_input(name: str, seed: int, number: int) -> bytes:
+    """Make the input of this number."""
     rng = Random(f"{name} {seed} {number}")
     seeds = READERS[name].seeds
-    return mutated(rng, rng.choice(seeds), seeds)
+    return mutate_seed(rng, rng.choice(seeds), seeds)
 
 
-def fault_of(reader: Reader, path: Path, content: bytes) -> tuple[str | None, float]:
-    """What is wrong with the way in which this input ends, None if nothing, and how long it took, in seconds."""
+def find_fault(reader: Reader, path: Path, content: bytes) -> tuple[str | None, float]:
+    """Return the fault with which the reading of this input ends, None if there is none, and its seconds."""
     path.unlink(missing_ok=True)  # a file that is emptied and filled anew waits for the disk: 30 times as long
     path.write_bytes(content)
-    begun_s = _worked_s()
+    begun_s = _measure_s()
     signal.setitimer(signal.ITIMER_PROF, MOST_S)
     try:
         reader.read(path)
@@ -54,27 +54,27 @@ def fault_of(reader: Reader, path: Path, content: bytes) -> tuple[str | None, fl
         words = str(error)
         fault = f"a message of {len(words)} characters: {words[:200]}" if len(words) > LONGEST_MESSAGE else None
     except TooSlow:
-        fault = f"slower than {MOST_S:g} s: {_where(sys.exc_info()[1])}"
+        fault = f"slower than {MOST_S:g} s: {_locate(sys.exc_info()[1])}"
     except Exception as error:
-        fault = f"{type(error).__name__}: {str(error)[:200]} {_where(error)}"
+        fault = f"{type(error).__name__}: {str(error)[:200]} {_locate(error)}"
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
-    return fault, _worked_s() - begun_s
+    return fault, _measure_s() - begun_s
 
 
-def _where(error: BaseException | None) -> str:
+def _locate(error: BaseException | None) -> str:
     frames = traceback.extract_tb(error.__traceback__ if error else None)
     ours = [frame for frame in frames if "skyproof" in frame.filename] or frames
     return f"({Path(ours[-1].filename).name}:{ours[-1].lineno})" if ours else ""
 
 
-def _worked_s() -> float:
+def _measure_s() -> float:
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + used.ru_utime + used.ru_stime
 
 
 def fuzz(names: list[str], inputs: int, seed: int) -> dict[str, Any]:
-    """So many inputs over the readers of these names, by their weights. Gives counts, the slowest, and the faults."""
+    """Read so many inputs by the readers of these names, by their weights; return counts, slowest and faults."""
     total = sum(READERS[name].weight for name in names)
     found: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -88,7 +88,7 @@ def fuzz(names: list[str], inputs: int, seed: int) -> dict[str, Any]:
             faults: dict[str, list[int]] = {}
             slowest, begun_s = (0.0, 0), time.perf_counter()
             for number in range(count):
-                fault, took_s = fault_of(reader, path, input_of(name, seed, number))
+                fault, took_s = find_fault(reader, path, make_input(name, seed, number))
                 slowest = max(slowest, (took_s, number))
                 if fault is not None:
                     faults.setdefault(fault, []).append(number)
@@ -103,13 +103,13 @@ def fuzz(names: list[str], inputs: int, seed: int) -> dict[str, Any]:
 
 
 def bound_memory() -> None:
-    """From here on, a gibibyte of addresses more than there is now."""
+    """Limit the process to a gibibyte of addresses more than it has now."""
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
     most = pages * resource.getpagesize() + MOST_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (most, resource.RLIM_INFINITY))
 
 
-def _too_slow(*_: object) -> None:
+def _raise_too_slow(*_: object) -> None:
     raise TooSlow
 
 
@@ -121,10 +121,10 @@ def main() -> None:
     parser.add_argument("--again", nargs=2, metavar=("READER", "NUMBER"), help="write this input to standard output")
     options = parser.parse_args()
     if options.again:
-        sys.stdout.buffer.write(input_of(options.again[0], options.seed, int(options.again[1])))
+        sys.stdout.buffer.write(make_input(options.again[0], options.seed, int(options.again[1])))
         return
     warnings.simplefilter("error")
-    signal.signal(signal.SIGPROF, _too_slow)
+    signal.signal(signal.SIGPROF, _raise_too_slow)
     bound_memory()
     json.dump(fuzz(options.readers, options.inputs, options.seed), sys.stdout, indent=1)
 

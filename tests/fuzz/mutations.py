@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Sequence
 from random import Random
 
-__all__ = ["mutated"]
+__all__ = ["mutate_seed"]
 
 _WORDS = [
     b"", b" ", b"\n", b"\r\n", b"\0", b"\xff\xfe", b"&", b"-", b"-1&", b"3&", b">", b"$", b"#", b",", b";", b'"',
@@ -25,64 +25,64 @@ _RUNS = (b"9", b"a", b" ", b",", b"0.", b"\xc3\xa9", b'"', b"\n")
 _MANY = (2, 20, 2_000)
 
 
-def mutated(rng: Random, seed: bytes, others: Sequence[bytes]) -> bytes:
-    """The seed with one to six kinds of damage; pieces of the other seeds may come in."""
+def mutate_seed(rng: Random, seed: bytes, others: Sequence[bytes]) -> bytes:
+    """Damage the seed in one to six ways; pieces of the other seeds may come in."""
     content = seed
     for _ in range(rng.choice((1, 1, 1, 2, 3, 6))):
         content = rng.choice(_KINDS)(rng, content, others)
     return content
 
 
-def _at(rng: Random, content: bytes) -> int:
+def _draw_place(rng: Random, content: bytes) -> int:
     return rng.randrange(len(content) + 1)
 
 
-def _byte(rng: Random, content: bytes, _: Sequence[bytes]) -> bytes:
-    at = _at(rng, content)
+def _change_byte(rng: Random, content: bytes, _: Sequence[bytes]) -> bytes:
+    at = _draw_place(rng, content)
     return content[:at] + bytes([rng.randrange(256)]) + content[at + 1 :]
 
 
-def _bit(rng: Random, content: bytes, _: Sequence[bytes]) -> bytes:
-    at = _at(rng, content)
+def _flip_bit(rng: Random, content: bytes, _: Sequence[bytes]) -> bytes:
+    at = _draw_place(rng, content)
     return content[:at] + bytes(octet ^ 1 << rng.randrange(8) for octet in content[at : at + 1]) + content[at + 1 :]
 
 
 def _cut(rng: Random, content: bytes, _: Sequence[bytes]) -> bytes:
-    at = _at(rng, content)
+    at = _draw_place(rng, content)
     return content[:at] + content[at + rng.choice((1, 1, 2, 16, 80, 1000)) :]
 
 
 def _end(rng: Random, content: bytes, _: Sequence[bytes]) -> bytes:
-    return content[: _at(rng, content)]
+    return content[: _draw_place(rng, content)]
 
 
-def _word(rng: Random, content: bytes, _: Sequence[bytes]) -> bytes:
-    at, word = _at(rng, content), rng.choice(_WORDS)
+def _insert_word(rng: Random, content: bytes, _: Sequence[bytes]) -> bytes:
+    at, word = _draw_place(rng, content), rng.choice(_WORDS)
     return content[:at] + word + content[at + rng.choice((0, len(word))) :]
 
 
-def _number(rng: Random, content: bytes, _: Sequence[bytes]) -> bytes:
-    return _replaced(rng, content, _NUMBER)
+def _change_number(rng: Random, content: bytes, _: Sequence[bytes]) -> bytes:
+    return _replace(rng, content, _NUMBER)
 
 
 def _name(rng: Random, content: bytes, _: Sequence[bytes]) -> bytes:
-    return _replaced(rng, content, _WORD)
+    return _replace(rng, content, _WORD)
 
 
-def _replaced(rng: Random, content: bytes, pattern: re.Pattern[bytes]) -> bytes:
-    """One match within the next stretch by a word, by another match, or by one as wide."""
-    at = _at(rng, content)
+def _replace(rng: Random, content: bytes, pattern: re.Pattern[bytes]) -> bytes:
+    """Replace one match within the next stretch by a word, by another match, or by one as wide."""
+    at = _draw_place(rng, content)
     match = pattern.search(content, at) or pattern.search(content)
     if match is None:
         return content
-    other = pattern.search(content, _at(rng, content))
+    other = pattern.search(content, _draw_place(rng, content))
     word = rng.choice(_WORDS) if other is None or rng.random() < 0.7 else other[0]
     if rng.random() < 0.5:
         word = word.rjust(len(match[0]))[: max(len(match[0]), 1)]
     return content[: match.start()] + word + content[match.end() :]
 
 
-def _line(rng: Random, content: bytes, others: Sequence[bytes]) -> bytes:
+def _move_line(rng: Random, content: bytes, others: Sequence[bytes]) -> bytes:
     lines = content.split(b"\n")
     k, j = rng.randrange(len(lines)), rng.randrange(len(lines))
     match rng.randrange(5):
@@ -101,30 +101,30 @@ def _line(rng: Random, content: bytes, others: Sequence[bytes]) -> bytes:
 
 def _splice(rng: Random, content: bytes, others: Sequence[bytes]) -> bytes:
     other = rng.choice(others)
-    at, begin = _at(rng, content), _at(rng, other)
+    at, begin = _draw_place(rng, content), _draw_place(rng, other)
     return content[:at] + other[begin : begin + rng.choice((8, 80, 400))] + content[at + rng.choice((0, 80)) :]
 
 
-def _again(rng: Random, content: bytes, _: Sequence[bytes]) -> bytes:
-    at = _at(rng, content)
+def _repeat(rng: Random, content: bytes, _: Sequence[bytes]) -> bytes:
+    at = _draw_place(rng, content)
     piece = content[at : at + rng.choice((1, 8, 81, 400))]
     times = min(rng.choice(_MANY), 200_000 // max(len(piece), 1))
     return content[:at] + piece * times + content[at:]
 
 
-def _deep(rng: Random, content: bytes, _: Sequence[bytes]) -> bytes:
-    depth, at = rng.choice(_DEPTHS), _at(rng, content)
+def _nest(rng: Random, content: bytes, _: Sequence[bytes]) -> bytes:
+    depth, at = rng.choice(_DEPTHS), _draw_place(rng, content)
     begin, end = rng.choice(_NESTS)
     return content[:at] + begin * depth + b"1" + end * depth + content[at:]
 
 
-def _long(rng: Random, content: bytes, _: Sequence[bytes]) -> bytes:
-    at = _at(rng, content)
+def _lengthen(rng: Random, content: bytes, _: Sequence[bytes]) -> bytes:
+    at = _draw_place(rng, content)
     return content[:at] + rng.choice(_RUNS) * rng.choice(_LONG) + content[at:]
 
 
 _Kind = Callable[[Random, bytes, Sequence[bytes]], bytes]
 _KINDS: tuple[_Kind, ...] = (
-    *(_byte, _bit, _cut, _word) * 4, *(_number,) * 12, *(_name,) * 4, *(_line,) * 8, *(_splice,) * 4,
-    _end, _again, _deep, _long,
+    *(_change_byte, _flip_bit, _cut, _insert_word) * 4, *(_change_number,) * 12, *(_name,) * 4, *(_move_line,) * 8,
+    *(_splice,) * 4, _end, _repeat, _nest, _lengthen,
 )  # fmt: skip

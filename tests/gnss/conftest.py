@@ -9,7 +9,7 @@ import pytest
 
 @pytest.fixture(scope="session")
 def authentic_rows(shared_data: Path) -> dict[str, np.ndarray]:
-    """Columns of truth.csv of the rendered pair, true signals only: made by a program that shares no code with ours."""
+    """Read the true signals' columns of truth.csv of the rendered pair, made by a program independent of ours."""
     with open(shared_data / "rf" / "meaconing-pair" / "truth.csv", encoding="ascii") as lines:
         rows = [row for row in csv.DictReader(lines) if row["label"] == "authentic"]
     names = {"receiver": str, "prn": int} | dict.fromkeys(

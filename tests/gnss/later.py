@@ -14,7 +14,7 @@ from skyproof.gnss.ephemeris import Ephemeris
 from skyproof.gnss.time import gpst, week_and_tow
 
 
-def hours_later(e: Ephemeris, hours: float) -> Ephemeris:
+def extrapolate_hours(e: Ephemeris, hours: float) -> Ephemeris:
     """Return the same orbit and clock by a set that counts from so many hours later: IS-GPS-200N, table 20-IV, by tk.
 
     BeiDou's geostationary satellites have none: they turn in a frame of their own.

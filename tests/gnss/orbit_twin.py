@@ -34,28 +34,30 @@ _GLONASS_MOST_STEPS = 1440  # a day; the force model is no good beyond an hour a
 
 
 def satellite_state_s(ephemeris, week, tow_s):
-    """State by full GPS weeks and seconds of week; shapes broadcast."""
-    since_toe_s = _since(ephemeris.week, ephemeris.toe, ephemeris.sat, week, tow_s)
+    """Compute the state by full GPS weeks and seconds of week; shapes broadcast."""
+    since_toe_s = _count_since(ephemeris.week, ephemeris.toe, ephemeris.sat, week, tow_s)
     if isinstance(ephemeris, GlonassEphemeris):
-        return _integrated(ephemeris, since_toe_s)
-    return _state(ephemeris, since_toe_s, _since(ephemeris.toc_week, ephemeris.toc, ephemeris.sat, week, tow_s))
+        return _integrate(ephemeris, since_toe_s)
+    return _compute_state(
+        ephemeris, since_toe_s, _count_since(ephemeris.toc_week, ephemeris.toc, ephemeris.sat, week, tow_s)
+    )
 
 
 def clock_polynomial_s(ephemeris, week, tow_s):
-    """Satellite clock minus system time without relativity: enough to find when a signal left.
+    """Compute satellite clock minus system time without relativity, enough to find when a signal left.
 
-    The 50 ns that relativity makes at most do not move a satellite by a millimetre. IS-GPS-200N, 20.3.3.3.3.1; GLONASS
-    ICD L1, L2 5.1, 3.3.3.
+    The 50 ns that relativity makes at most do not move a satellite by a millimetre. IS-GPS-200N, 20.3.3.3.3.1;
+    GLONASS ICD L1, L2 5.1, 3.3.3.
     """
     if isinstance(ephemeris, GlonassEphemeris):
-        dt_s = _since(ephemeris.week, ephemeris.toe, ephemeris.sat, week, tow_s)
+        dt_s = _count_since(ephemeris.week, ephemeris.toe, ephemeris.sat, week, tow_s)
         return ephemeris.gamma_n * dt_s - ephemeris.tau_n
-    dt_s = _since(ephemeris.toc_week, ephemeris.toc, ephemeris.sat, week, tow_s)
+    dt_s = _count_since(ephemeris.toc_week, ephemeris.toc, ephemeris.sat, week, tow_s)
     return ephemeris.af0 + ephemeris.af1 * dt_s + ephemeris.af2 * dt_s**2
 
 
-def _since(week0, second0, sat, week, tow_s):
-    """Seconds since second `second0` of `week0` in the time of the satellite's system."""
+def _count_since(week0, second0, sat, week, tow_s):
+    """Count seconds since second `second0` of `week0` in the time of the satellite's system."""
     week, tow_s = np.asarray(week, np.int64), np.asarray(tow_s, np.float64)
     return np.asarray((week - week0) * SECONDS_PER_WEEK + (tow_s - second0 - system_offset_s(sat)), np.float64)
 
@@ -63,12 +65,12 @@ def _since(week0, second0, sat, week, tow_s):
 # --- Kepler's form
 
 
-def _state(eph, tk, dt):
-    """Symbols of IS-GPS-200N, table 20-IV (elements of coordinate systems, and broadcast satellite velocity)."""
+def _compute_state(eph, tk, dt):
+    """Compute the state with the symbols of IS-GPS-200N, table 20-IV (elements of coordinate systems, velocity)."""
     mu_m3_s2, rotation_rad_s, relativity_f = _KEPLER[eph.sat[0]]
     a = eph.sqrt_a**2
     n = np.sqrt(mu_m3_s2 / a**3) + eph.delta_n + 0.5 * eph.delta_n_dot * tk
-    ek = _eccentric_anomaly(eph.m0 + n * tk, eph.e)
+    ek = _solve_kepler(eph.m0 + n * tk, eph.e)
     n = n + 0.5 * eph.delta_n_dot * tk
     a = a + eph.a_dot * tk
     sin_ek, cos_ek = np.sin(ek), np.cos(ek)
@@ -104,7 +106,7 @@ def _state(eph, tk, dt):
         axis=-1,
     )
     if geostationary:
-        position, velocity = _turned_with_the_earth(position, velocity, tk, rotation_rad_s)
+        position, velocity = _rotate_geostationary(position, velocity, tk, rotation_rad_s)
     relativity = relativity_f * eph.e * eph.sqrt_a
     return SatelliteState(
         position_ecef_m=position,
@@ -114,25 +116,30 @@ def _state(eph, tk, dt):
     )
 
 
-def _turned_with_the_earth(position, velocity, tk, rotation_rad_s):
-    """BDS-SIS-ICD-B1I-3.0, 5.2.4.12: a geostationary orbit is given in a tilted frame that stands still from toe on."""
+def _rotate_geostationary(position, velocity, tk, rotation_rad_s):
+    """Rotate a geostationary orbit, given in a tilted frame that is fixed from toe on.
+
+    BDS-SIS-ICD-B1I-3.0, 5.2.4.12.
+    """
     cos_tilt, sin_tilt = np.cos(_GEO_TILT_RAD), np.sin(_GEO_TILT_RAD)
     tilt = np.array([[1.0, 0.0, 0.0], [0.0, cos_tilt, sin_tilt], [0.0, -sin_tilt, cos_tilt]])
     position, velocity = position @ tilt.T, velocity @ tilt.T
     cos, sin = np.cos(rotation_rad_s * tk), np.sin(rotation_rad_s * tk)
 
-    def turned(vector):
+    def rotate(vector):
         x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
         return np.stack((x * cos + y * sin, y * cos - x * sin, z), axis=-1)
 
-    turned_m = turned(position)
+    turned_m = rotate(position)
     carried = rotation_rad_s * np.stack((turned_m[..., 1], -turned_m[..., 0], np.zeros_like(turned_m[..., 2])), axis=-1)
-    return turned_m, turned(velocity) + carried
+    return turned_m, rotate(velocity) + carried
 
 
-def _eccentric_anomaly(mean_rad, e):
-    """Kepler's equation by Newton's steps: six reach rounding for e below 0.2; GPS stays below 0.03, Galileo's two
-    satellites that missed their orbit have 0.17.
+def _solve_kepler(mean_rad, e):
+    """Solve Kepler's equation by Newton's steps.
+
+    Six reach rounding for e below 0.2; GPS stays below 0.03, Galileo's two satellites that missed their orbit have
+    0.17.
     """
     ek = mean_rad + e * np.sin(mean_rad)
     for _ in range(6):
@@ -143,10 +150,11 @@ def _eccentric_anomaly(mean_rad, e):
 # --- GLONASS
 
 
-def _integrated(eph, since_s):
-    """Runge-Kutta from t_b in whole minutes, and one shorter step to each instant (ICD 5.1, A.3.1.2).
+def _integrate(eph, since_s):
+    """Integrate by Runge-Kutta from t_b in whole minutes, and by one shorter step to each instant.
 
-    So the answer of an instant does not depend on which others are asked for. NaN more than a day from t_b.
+    The answer of an instant does not depend on which others are requested. NaN more than a day from t_b. ICD 5.1,
+    A.3.1.2.
     """
     present = np.abs(since_s) <= _GLONASS_STEP_S * _GLONASS_MOST_STEPS
     since_s = np.where(present, since_s, 0.0)
@@ -157,10 +165,10 @@ def _integrated(eph, since_s):
     grid = np.empty((high - low + 1, 6))
     grid[-low] = start
     for k in range(1, high + 1):
-        grid[k - low] = _runge_kutta(grid[k - 1 - low], sun_moon, np.float64(_GLONASS_STEP_S))
+        grid[k - low] = _step_runge_kutta(grid[k - 1 - low], sun_moon, np.float64(_GLONASS_STEP_S))
     for k in range(-1, low - 1, -1):
-        grid[k - low] = _runge_kutta(grid[k + 1 - low], sun_moon, np.float64(-_GLONASS_STEP_S))
-    state = _runge_kutta(grid[steps - low], sun_moon, np.asarray(since_s - steps * _GLONASS_STEP_S)[..., None])
+        grid[k - low] = _step_runge_kutta(grid[k + 1 - low], sun_moon, np.float64(-_GLONASS_STEP_S))
+    state = _step_runge_kutta(grid[steps - low], sun_moon, np.asarray(since_s - steps * _GLONASS_STEP_S)[..., None])
     state = np.where(present[..., None], state, np.nan)
     return SatelliteState(
         position_ecef_m=state[..., :3],
@@ -170,16 +178,19 @@ def _integrated(eph, since_s):
     )
 
 
-def _runge_kutta(state, sun_moon, step_s):
-    k1 = _glonass_rates(state, sun_moon)
-    k2 = _glonass_rates(state + 0.5 * step_s * k1, sun_moon)
-    k3 = _glonass_rates(state + 0.5 * step_s * k2, sun_moon)
-    k4 = _glonass_rates(state + step_s * k3, sun_moon)
+def _step_runge_kutta(state, sun_moon, step_s):
+    k1 = _compute_glonass_rates(state, sun_moon)
+    k2 = _compute_glonass_rates(state + 0.5 * step_s * k1, sun_moon)
+    k3 = _compute_glonass_rates(state + 0.5 * step_s * k2, sun_moon)
+    k4 = _compute_glonass_rates(state + step_s * k3, sun_moon)
     return np.asarray(state + step_s / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4))
 
 
-def _glonass_rates(state, sun_moon):
-    """Velocity and acceleration (..., 6) in the rotating frame: gravity with J2, Coriolis, sun and moon (A.3.1.2)."""
+def _compute_glonass_rates(state, sun_moon):
+    """Compute velocity and acceleration (..., 6) in the rotating frame.
+
+    Forces are gravity with J2, Coriolis, sun and moon (A.3.1.2).
+    """
     position, velocity = state[..., :3], state[..., 3:]
     r2 = np.sum(position**2, axis=-1)
     gravity = GLONASS_MU_M3_S2 / (r2 * np.sqrt(r2))

@@ -23,12 +23,12 @@ G2_STAGES = (
 )  # fmt: skip
 
 
-def first_ten(prn):
+def read_first_ten(prn):
     return int("".join("1" if chip < 0 else "0" for chip in generate_ca_code(prn)[:10]), 2)
 
 
-def code_by_stages(stage_a, stage_b):
-    """Slow twin: both registers stepped together, G2 read at two stages (IS-GPS-200N, figure 3-10)."""
+def step_registers(stage_a, stage_b):
+    """Step both registers together and read G2 at two stages (IS-GPS-200N, figure 3-10): the slow twin."""
     g1, g2, chips = [1] * 10, [1] * 10, []
     for _ in range(1023):
         chips.append(g1[9] ^ g2[stage_a - 1] ^ g2[stage_b - 1])
@@ -39,17 +39,17 @@ def code_by_stages(stage_a, stage_b):
 
 @pytest.mark.parametrize(("prn", "octal"), [*enumerate(FIRST_TEN_OCTAL, start=1)])
 def test_the_first_ten_chips_are_those_of_the_standard(prn, octal):
-    assert first_ten(prn) == octal
+    assert read_first_ten(prn) == octal
 
 
 @pytest.mark.parametrize(("prn", "octal"), [*enumerate(SBAS_FIRST_TEN_OCTAL, start=120)])
 def test_the_first_ten_chips_of_sbas_are_those_of_the_standard(prn, octal):
-    assert first_ten(prn) == octal
+    assert read_first_ten(prn) == octal
 
 
 @pytest.mark.parametrize(("prn", "stages"), [*enumerate(G2_STAGES, start=1)])
 def test_a_delayed_register_equals_the_sum_of_two_stages(prn, stages):
-    np.testing.assert_array_equal(generate_ca_code(prn), code_by_stages(*stages))
+    np.testing.assert_array_equal(generate_ca_code(prn), step_registers(*stages))
 
 
 def test_codes_are_gold_codes():

@@ -76,11 +76,11 @@ STREAM = encode_subframes(EPHEMERIS, NOMINAL_KLOBUCHAR, UTC, 596760, 2190, 10)
 SUBFRAME = STREAM[:300]
 
 
-def bits_of(words):
+def list_bits(words):
     return np.array([word >> (29 - k) & 1 for word in words for k in range(30)], dtype=np.int8)
 
 
-def subframes_of(stream):
+def list_subframes(stream):
     return [decode_subframe(stream[start : start + 300]) for start in find_subframes(stream)]
 
 
@@ -90,7 +90,7 @@ def subframes_of(stream):
 @pytest.mark.parametrize("inverted", [0, 1])
 @pytest.mark.parametrize(("number", "tow_s"), [(1, 408660), (2, 408636), (3, 408642)])
 def test_real_subframes_hold_and_give_their_time(number, tow_s, inverted):
-    bits = bits_of(G32[number]) ^ inverted
+    bits = list_bits(G32[number]) ^ inverted
     subframe = decode_subframe(bits)
     assert (subframe.id, subframe.tow_s, subframe.inverted) == (number, tow_s, bool(inverted))
     how = decode_how(bits[:60])
@@ -98,15 +98,15 @@ def test_real_subframes_hold_and_give_their_time(number, tow_s, inverted):
 
 
 def test_real_subframes_make_an_ephemeris():
-    eph = ephemeris_from_subframes(*(decode_subframe(bits_of(G32[number])) for number in (1, 2, 3)), "G32", 2400)
+    eph = ephemeris_from_subframes(*(decode_subframe(list_bits(G32[number])) for number in (1, 2, 3)), "G32", 2400)
     assert (eph.week, eph.toe) == (2381, 410400.0)  # the receiver was in week 2381; its clock showed 408640 s
     assert eph.iode == eph.iodc == 0x53  # figure 20-1: first eight bits of word 3 of subframe 2
     assert eph.health == 0
     assert eph.crs == (0xFDE7 - 0x10000) / 32.0  # the sixteen bits after it
 
 
-def ubx_messages(content):
-    """Class, number and payload of each u-blox message in `content`."""
+def list_ubx_messages(content):
+    """List class, number and payload of each u-blox message in `content`."""
     at = content.find(b"\xb5\x62")
     while 0 <= at <= len(content) - 8:
         length = int.from_bytes(content[at + 4 : at + 6], "little")
@@ -114,8 +114,8 @@ def ubx_messages(content):
         at = content.find(b"\xb5\x62", at + 8 + length)
 
 
-def as_sent(words):
-    """u-blox takes the inversion by D30* off the whole word, parity bits and all: put it back."""
+def restore_inversion(words):
+    """Restore the inversion by D30*, which u-blox takes off the whole word, parity bits included."""
     sent, inverted = [], 0
     for word in words:
         sent.append((word ^ (0x3FFFFFFF * inverted)) & 0x3FFFFFFF)
@@ -128,9 +128,9 @@ def test_real_messages_explain_real_pseudoranges(shared_data):
     # Every subframe of a log holds, and the orbits in them fit the receiver's measurements at its surveyed place.
     log = (shared_data / "real" / "imu-gnss-walk" / "gnss_1730.ubx").read_bytes()
     subframes, measured_m, at = {}, {}, None
-    for kind, number, payload in ubx_messages(log):
+    for kind, number, payload in list_ubx_messages(log):
         if (kind, number) == (0x02, 0x13) and payload[0] == 0 and payload[2] == 0:  # RXM-SFRBX of GPS L1 C/A
-            subframe = decode_subframe(bits_of(as_sent(struct.unpack_from("<10I", payload, 8))))
+            subframe = decode_subframe(list_bits(restore_inversion(struct.unpack_from("<10I", payload, 8))))
             assert subframe is not None
             subframes.setdefault(payload[1], {})[subframe.id] = subframe
         if (kind, number) == (0x02, 0x15) and at is None:  # RXM-RAWX
@@ -161,7 +161,7 @@ def test_real_messages_explain_real_pseudoranges(shared_data):
 
 @pytest.fixture(scope="module")
 def rendered_subframes(shared_data, authentic_rows):
-    """Subframes of G18 in rx1.bin, by code and carrier wiped off with the truth: no receiver of ours takes part."""
+    """Demodulate subframes of G18 in rx1.bin with the code and carrier of the truth, without our receiver."""
     mine = (authentic_rows["receiver"] == "rx1") & (authentic_rows["prn"] == 18) & (authentic_rows["tow_s"] < 596786)
     rows = {name: column[mine] for name, column in authentic_rows.items()}
     raw = np.memmap(shared_data / "rf" / "meaconing-pair" / "rx1.bin", np.uint8, "r")
@@ -259,7 +259,7 @@ def test_each_word_follows_the_equations_of_the_standard():
 # ---------------------------------------------------------------- there and back
 
 
-def full_range(bits, step, *, signed=True):
+def sweep_range(bits, step, *, signed=True):
     low = -(1 << bits - 1) if signed else 0
     return st.integers(low, low + (1 << bits) - 1).map(lambda raw: raw * step)
 
@@ -270,17 +270,17 @@ EPHEMERIDES = st.builds(
         EPHEMERIS, **values, iodc=iodc, iode=iodc % 256, fit_interval_h=4.0 if fit is False else 6.0
     ),
     st.fixed_dictionaries(
-        {name: full_range(bits, 2.0**-31).map(lambda v: v * GPS_PI) for name, bits in ANGLES.items()}
-        | {"delta_n": full_range(16, 2.0**-43).map(lambda v: v * GPS_PI)}
-        | {"idot": full_range(14, 2.0**-43).map(lambda v: v * GPS_PI)}
+        {name: sweep_range(bits, 2.0**-31).map(lambda v: v * GPS_PI) for name, bits in ANGLES.items()}
+        | {"delta_n": sweep_range(16, 2.0**-43).map(lambda v: v * GPS_PI)}
+        | {"idot": sweep_range(14, 2.0**-43).map(lambda v: v * GPS_PI)}
         | {"omega_dot": st.integers(-55000, -1).map(lambda raw: raw * 2.0**-43 * GPS_PI)}
         | {"i0": st.integers(479_000_000, 819_000_000).map(lambda raw: raw * 2.0**-31 * GPS_PI)}
         | {"sqrt_a": st.integers(2_622_000_000, 2_778_000_000).map(lambda raw: raw * 2.0**-19)}
         | {"e": st.integers(0, 850_000_000).map(lambda raw: raw * 2.0**-33)}
-        | {name: full_range(16, 2.0**-5) for name in ("crs", "crc")}
-        | {name: full_range(16, 2.0**-29) for name in ("cus", "cuc", "cis", "cic")}
-        | {"af0": full_range(22, 2.0**-31), "af1": full_range(16, 2.0**-43), "af2": full_range(8, 2.0**-55)}
-        | {"tgd": full_range(8, 2.0**-31), "health": st.integers(0, 63), "ura_index": st.integers(0, 15)}
+        | {name: sweep_range(16, 2.0**-5) for name in ("crs", "crc")}
+        | {name: sweep_range(16, 2.0**-29) for name in ("cus", "cuc", "cis", "cic")}
+        | {"af0": sweep_range(22, 2.0**-31), "af1": sweep_range(16, 2.0**-43), "af2": sweep_range(8, 2.0**-55)}
+        | {"tgd": sweep_range(8, 2.0**-31), "health": st.integers(0, 63), "ura_index": st.integers(0, 15)}
         | {"code_on_l2": st.integers(0, 3), "l2_p_flag": st.integers(0, 1)}
     ),
     st.integers(0, 239),
@@ -292,7 +292,7 @@ EPHEMERIDES = st.builds(
 @given(EPHEMERIDES, st.sampled_from([0, 1]))
 def test_every_field_of_an_ephemeris_comes_back(eph, inverted):
     stream = encode_subframes(eph, None, None, 596760, 2190, 3) ^ inverted
-    back = ephemeris_from_subframes(*subframes_of(stream), eph.sat, 2000)
+    back = ephemeris_from_subframes(*list_subframes(stream), eph.sat, 2000)
     assert repr(back) == repr(eph)
     assert repr(quantise(eph)) == repr(eph)
 
@@ -300,8 +300,8 @@ def test_every_field_of_an_ephemeris_comes_back(eph, inverted):
 @settings(max_examples=60)
 @given(
     st.lists(st.integers(-128, 127), min_size=8, max_size=8),
-    full_range(32, 2.0**-30),
-    full_range(24, 2.0**-50),
+    sweep_range(32, 2.0**-30),
+    sweep_range(24, 2.0**-50),
     st.integers(0, 147),
     st.integers(2100, 2300),
     st.integers(0, 60),
@@ -316,11 +316,11 @@ def test_ionosphere_and_utc_come_back(raw, a0, a1, tot, wnt, leaps):
 
 
 def test_only_page_18_of_subframe_4_holds_the_ionosphere():
-    superframe = subframes_of(encode_subframes(EPHEMERIS, NOMINAL_KLOBUCHAR, UTC, 0, 2190, 125))
+    superframe = list_subframes(encode_subframes(EPHEMERIS, NOMINAL_KLOBUCHAR, UTC, 0, 2190, 125))
     assert len(superframe) == 125
     holders = [k for k, subframe in enumerate(superframe) if ionosphere_and_utc(subframe, 2190) is not None]
     assert holders == [17 * 5 + 3]
-    without = subframes_of(encode_subframes(EPHEMERIS, None, None, 596760, 2190, 5))
+    without = list_subframes(encode_subframes(EPHEMERIS, None, None, 596760, 2190, 5))
     assert all(ionosphere_and_utc(subframe, 2190) is None for subframe in without)
     utc_only = decode_subframe(encode_subframes(EPHEMERIS, None, UTC, 596778, 2190, 1))
     assert ionosphere_and_utc(utc_only, 2190)[1].leap_seconds == 18
@@ -344,7 +344,7 @@ def test_a_value_that_does_not_fit_is_refused():
 
 def test_the_week_ends_inside_a_stream():
     stream = encode_subframes(EPHEMERIS, None, None, 604794, 2190, 7)
-    subframes = subframes_of(stream)
+    subframes = list_subframes(stream)
     assert [(s.id, s.tow_s) for s in subframes] == [(5, 604794), *((k + 1, 6 * k) for k in range(5)), (1, 30)]
     assert subframes[1].fields["week_mod_1024"] == 2191 % 1024
 
@@ -354,7 +354,7 @@ def test_an_ephemeris_has_the_week_of_its_time_not_transmission(toe, tow_s, week
     sent_week = 2190 if tow_s > 300000 else 2191
     eph = replace(EPHEMERIS, toe=toe, toc=toe, week=week, toc_week=week)
     stream = encode_subframes(eph, None, None, tow_s, sent_week, 3)
-    assert repr(ephemeris_from_subframes(*subframes_of(stream), eph.sat, 2000)) == repr(eph)
+    assert repr(ephemeris_from_subframes(*list_subframes(stream), eph.sat, 2000)) == repr(eph)
 
 
 @pytest.mark.parametrize(
@@ -362,14 +362,14 @@ def test_an_ephemeris_has_the_week_of_its_time_not_transmission(toe, tow_s, week
 )
 def test_the_fit_interval_follows_flag_and_iodc(iodc, flag_h, hours):
     eph = replace(EPHEMERIS, iodc=iodc, iode=iodc % 256, fit_interval_h=flag_h)
-    back = ephemeris_from_subframes(*subframes_of(encode_subframes(eph, None, None, 596760, 2190, 3)), "G05", 2190)
+    back = ephemeris_from_subframes(*list_subframes(encode_subframes(eph, None, None, 596760, 2190, 3)), "G05", 2190)
     assert back.fit_interval_h == hours  # IS-GPS-200N, table 20-XII
 
 
 def test_subframes_of_different_data_sets_make_no_ephemeris():
     newer = encode_subframes(replace(EPHEMERIS, iodc=99, iode=99), None, None, 596790, 2190, 3)
-    one, two, three = subframes_of(STREAM)[:3]
-    new_one, new_two, new_three = subframes_of(newer)
+    one, two, three = list_subframes(STREAM)[:3]
+    new_one, new_two, new_three = list_subframes(newer)
     assert ephemeris_from_subframes(one, two, three, "G05", 2190) is not None
     assert ephemeris_from_subframes(new_one, two, three, "G05", 2190) is None
     assert ephemeris_from_subframes(one, new_two, three, "G05", 2190) is None
@@ -381,7 +381,7 @@ def test_subframes_of_different_data_sets_make_no_ephemeris():
 @pytest.mark.parametrize("wrong", [{"sqrt_a": 2000.0}, {"e": 0.4}, {"i0": 0.1}, {"omega_dot": 1e-8}])
 def test_an_orbit_that_gps_cannot_fly_is_no_ephemeris(wrong: dict[str, float]):
     stream = encode_subframes(replace(EPHEMERIS, **wrong), None, None, 596760, 2190, 3)
-    assert ephemeris_from_subframes(*subframes_of(stream), "G05", 2190) is None
+    assert ephemeris_from_subframes(*list_subframes(stream), "G05", 2190) is None
 
 
 # ---------------------------------------------------------------- finding
@@ -394,7 +394,7 @@ def test_subframes_are_found_at_any_start_and_polarity(cut, inverted, seed):
     stream = np.concatenate([noise, STREAM[cut:] ^ inverted])
     first = -cut % 300 + 137
     assert find_subframes(stream) == list(range(first, stream.size - 59, 300))
-    assert all(s.inverted == bool(inverted) for s in subframes_of(stream))
+    assert all(s.inverted == bool(inverted) for s in list_subframes(stream))
 
 
 def test_a_damaged_subframe_costs_itself_only():
@@ -403,7 +403,7 @@ def test_a_damaged_subframe_costs_itself_only():
     stream[1000] ^= 1  # in the body of the fourth
     starts = find_subframes(stream)
     assert starts == [0, 300, 900, 1200, 1500, 1800, 2100, 2400, 2700]
-    assert [s is None for s in subframes_of(stream)] == [False, False, True, *[False] * 6]
+    assert [s is None for s in list_subframes(stream)] == [False, False, True, *[False] * 6]
 
 
 def test_a_false_start_does_not_appear_beside_true_ones():

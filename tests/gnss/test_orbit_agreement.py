@@ -26,7 +26,7 @@ GLONASS = GlonassEphemeris(  # R10 of KMS3, 8 June 2022
 
 
 def follow(ephemeris, hours):
-    """The same orbit by a data set of a later time."""
+    """Describe the same orbit by a data set of a later time."""
     later_s = 3600.0 * hours
     mean_motion = np.sqrt(3.986005e14) / ephemeris.sqrt_a**3 + ephemeris.delta_n
     return replace(

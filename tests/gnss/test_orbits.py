@@ -48,8 +48,8 @@ EPHEMERIS = Ephemeris(
 )
 
 
-def slow_position_m(eph, tk):
-    """Twin by another way: Kepler's equation by bisection, perifocal coordinates, rotation matrices."""
+def compute_slow_position_m(eph, tk):
+    """Compute the position by bisection, perifocal coordinates and rotation matrices: the slow twin."""
     mean = eph.m0 + (np.sqrt(3.986005e14 / eph.sqrt_a**6) + eph.delta_n) * tk
     low, high = mean - 1.0, mean + 1.0
     for _ in range(80):
@@ -63,21 +63,21 @@ def slow_position_m(eph, tk):
     i = eph.i0 + eph.idot * tk + eph.cic * np.cos(2 * phi) + eph.cis * np.sin(2 * phi)
     node = eph.omega0 + eph.omega_dot * tk - 7.2921151467e-5 * (eph.toe + tk)
 
-    def turn(axis, angle):
+    def make_rotation(axis, angle):
         a, b = [k for k in range(3) if k != axis]
         rot = np.eye(3)
         rot[a, a] = rot[b, b] = np.cos(angle)
         rot[a, b], rot[b, a] = -np.sin(angle), np.sin(angle)
         return rot
 
-    return turn(2, node) @ turn(0, i) @ turn(2, u) @ [r, 0.0, 0.0]
+    return make_rotation(2, node) @ make_rotation(0, i) @ make_rotation(2, u) @ [r, 0.0, 0.0]
 
 
 @given(st.floats(-4 * 3600.0, 4 * 3600.0), st.floats(0.0, 0.03), st.floats(-np.pi, np.pi))
 def test_positions_are_those_of_an_independent_computation(since_toe_s, e, m0):
     eph = replace(EPHEMERIS, e=e, m0=m0)
     ours_m = compute_satellite_state_s(eph, eph.week, eph.toe + since_toe_s).position_ecef_m
-    np.testing.assert_allclose(ours_m, slow_position_m(eph, since_toe_s), atol=1e-6)
+    np.testing.assert_allclose(ours_m, compute_slow_position_m(eph, since_toe_s), atol=1e-6)
 
 
 @given(st.floats(-4 * 3600.0, 4 * 3600.0))
@@ -173,8 +173,8 @@ def test_neighbouring_broadcast_orbits_agree_where_they_meet(shared_data):
     assert np.quantile(gaps_m, 0.99) < 10.0
 
 
-def two_line_position_m(first, second):
-    """UTC epoch of two-line elements and the ECEF position then, by Kepler and sidereal time (IAU 1982) only."""
+def propagate_two_lines(first, second):
+    """Return the UTC epoch of two-line elements and the ECEF position then, by Kepler and sidereal time (1982)."""
     epoch = np.datetime64(f"20{first[18:20]}-01-01T00:00:00", "ns")
     epoch += np.timedelta64(round((float(first[20:32]) - 1.0) * 86400e9), "ns")
     inclination, node, e, perigee, mean = (
@@ -194,7 +194,7 @@ def two_line_position_m(first, second):
         **{k: np.radians(v) for k, v in angles.items()},
         omega0=np.radians(node) - sidereal_rad,
     )
-    return epoch, slow_position_m(kepler, 0.0)
+    return epoch, compute_slow_position_m(kepler, 0.0)
 
 
 @pytest.mark.shared_data
@@ -208,7 +208,7 @@ def test_satellites_are_where_the_tracking_radars_see_them(shared_data):
     gaps_m = []
     for name, first, second in zip(lines, lines[1:], lines[2:], strict=False):
         if name[:1] == "G" and first[:2] == "1 " and second[:2] == "2 ":
-            utc, radar_m = two_line_position_m(first, second)
+            utc, radar_m = propagate_two_lines(first, second)
             eph = navigation.best(name.strip(), gpst_from_utc(utc), max_age_s=3600.0)
             if eph is not None:
                 gaps_m.append(

@@ -15,13 +15,13 @@ PLACES = [
 ]
 
 
-def minutes(value):
-    """Degrees and decimal minutes, written as if they were a decimal number."""
+def misread_minutes(value):
+    """Write degrees and decimal minutes as if they were one decimal number."""
     degrees = np.floor(abs(value))
     return np.copysign(degrees + 0.6 * (abs(value) - degrees), value)
 
 
-def seconds(value):
+def misread_seconds(value):
     degrees = np.floor(abs(value))
     whole = np.floor(60.0 * (abs(value) - degrees))
     remaining = 3600.0 * (abs(value) - degrees) - 60.0 * whole
@@ -36,10 +36,10 @@ MISTAKES = {
     "longitude_sign": lambda lat, lon, h: (lat, -lon, h),
     "latitude_sign": lambda lat, lon, h: (-lat, lon, h),
     "signs": lambda lat, lon, h: (-lat, -lon, h),
-    "degrees_and_minutes": lambda lat, lon, h: (minutes(lat), minutes(lon), h),
-    "latitude_degrees_and_minutes": lambda lat, lon, h: (minutes(lat), lon, h),
-    "longitude_degrees_and_minutes": lambda lat, lon, h: (lat, minutes(lon), h),
-    "degrees_minutes_seconds": lambda lat, lon, h: (seconds(lat), seconds(lon), h),
+    "degrees_and_minutes": lambda lat, lon, h: (misread_minutes(lat), misread_minutes(lon), h),
+    "latitude_degrees_and_minutes": lambda lat, lon, h: (misread_minutes(lat), lon, h),
+    "longitude_degrees_and_minutes": lambda lat, lon, h: (lat, misread_minutes(lon), h),
+    "degrees_minutes_seconds": lambda lat, lon, h: (misread_seconds(lat), misread_seconds(lon), h),
     "height": lambda lat, lon, h: (lat, lon, h - 12.3),
 }
 

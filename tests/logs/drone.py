@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-__all__ = ["BOOT_US", "DataFlash", "ULog", "dump_rows", "px4_flight", "utc_us"]
+__all__ = ["BOOT_US", "DataFlash", "ULog", "convert_utc_us", "dump_rows", "make_px4_flight"]
 
 BOOT_US = 55_000_000
 """What the autopilot's clock shows at the first epoch."""
@@ -33,7 +33,7 @@ _PACKED = {
 }  # fmt: skip
 
 
-def _message(kind: str, body: bytes) -> bytes:
+def _make_message(kind: str, body: bytes) -> bytes:
     return struct.pack("<HB", len(body), ord(kind)) + body
 
 
@@ -43,7 +43,7 @@ class ULog:
     def __init__(self) -> None:
         self.definitions = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", BOOT_US))
         self.data = bytearray()
-        self.definitions += _message("B", bytes(40))
+        self.definitions += _make_message("B", bytes(40))
         self._fields: dict[str, list[tuple[str, str, int]]] = {}
         self._numbers: dict[tuple[str, int], int] = {}
 
@@ -54,13 +54,13 @@ class ULog:
     def state(self, name: str, fields: str, instance: int = 0) -> None:
         """State a message's layout, and subscribe to an instance of it."""
         if name not in self._fields:
-            self.definitions += _message("F", f"{name}:{fields}".encode())
+            self.definitions += _make_message("F", f"{name}:{fields}".encode())
             parts = [part.split(" ") for part in fields.strip(";").split(";")]
             self._fields[name] = [
                 (field, kind.partition("[")[0], int(kind.partition("[")[2].rstrip("]") or 0)) for kind, field in parts
             ]
         self._numbers[name, instance] = len(self._numbers)
-        self.data += _message("A", struct.pack("<BH", instance, self._numbers[name, instance]) + name.encode())
+        self.data += _make_message("A", struct.pack("<BH", instance, self._numbers[name, instance]) + name.encode())
 
     def log(self, name: str, values: Mapping[str, object], instance: int = 0) -> None:
         """Write a record; what is not given is zero."""
@@ -70,12 +70,12 @@ class ULog:
                 break
             value = values.get(field, [0] * length if length else 0)
             body += struct.pack(f"<{length or 1}{_PACKED[kind]}", *(value if length else [value]))
-        self.data += _message("D", body)
+        self.data += _make_message("D", body)
 
     def note(self, text: str) -> None:
         """Write a message of text, and a dropout."""
-        self.data += _message("L", b"\x06" + struct.pack("<Q", BOOT_US) + text.encode())
-        self.data += _message("O", struct.pack("<H", 20))
+        self.data += _make_message("L", b"\x06" + struct.pack("<Q", BOOT_US) + text.encode())
+        self.data += _make_message("O", struct.pack("<H", 20))
 
 
 def dump_rows(octets: bytes, *, to_device: bool = False, instance: int = 0) -> Iterable[dict[str, object]]:
@@ -86,7 +86,9 @@ def dump_rows(octets: bytes, *, to_device: bool = False, instance: int = 0) -> I
         yield {"instance": instance, "len": length, "data": list(part.ljust(79, b"\xee"))}
 
 
-def px4_flight(epochs: Iterable[tuple[int, bytes, dict[str, object]]], imu: Iterable[tuple[int, list, list]]) -> bytes:
+def make_px4_flight(
+    epochs: Iterable[tuple[int, bytes, dict[str, object]]], imu: Iterable[tuple[int, list, list]]
+) -> bytes:
     """Return a log of epochs (boot time in us, bytes of the receiver, row of sensor_gps) and inertial readings."""
     log = ULog()
     log.state("sensor_gps", NEW_GPS_FIELDS)
@@ -141,6 +143,6 @@ class DataFlash:
         return bytes(self.octets)
 
 
-def utc_us(gpst: np.datetime64) -> int:
+def convert_utc_us(gpst: np.datetime64) -> int:
     """Return microseconds of UTC since 1970 of an instant after 2017."""
     return int(gpst.astype("M8[us]").astype(np.int64)) - 18_000_000

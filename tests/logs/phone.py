@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-__all__ = ["COLUMNS", "HEADER", "Measured", "raw_line"]
+__all__ = ["COLUMNS", "HEADER", "Measured", "make_raw_line"]
 
 COLUMNS = [
     "utcTimeMillis",
@@ -81,7 +81,7 @@ class Measured:
 
     @property
     def shown_ns(self) -> int:
-        """What the clock shows by the bias of the row itself, nanoseconds of GPS time."""
+        """Return what the clock shows by the bias of the row itself, nanoseconds of GPS time."""
         return self.time_ns - self.full_bias_ns - round(self.bias_ns)
 
     @property
@@ -93,7 +93,7 @@ class Measured:
         return replace(self, time_ns=self.time_ns + round(second * 1e9), **given)
 
 
-def raw_line(m: Measured, columns: list[str] = COLUMNS) -> str:
+def make_raw_line(m: Measured, columns: list[str] = COLUMNS) -> str:
     """Return a row with the fields in the order of these columns; fields of other names are empty."""
     values = {
         "utcTimeMillis": 1_700_000_000_000,
@@ -122,6 +122,6 @@ def raw_line(m: Measured, columns: list[str] = COLUMNS) -> str:
     return ",".join(["Raw", *("" if v is None else repr(v) if isinstance(v, float) else str(v) for v in fields)]) + "\n"
 
 
-def signed(octets: np.ndarray) -> str:
+def sign_bytes(octets: np.ndarray) -> str:
     """Return bytes as Java writes them."""
     return ",".join(str(v) for v in octets.astype(np.int8).tolist())

@@ -5,8 +5,8 @@ import io
 import numpy as np
 import pytest
 from pynmeagps import NMEAReader
-from tests.logs.frames import nmea_sentence
-from tests.logs.test_ubx import gps, pvt, rawx
+from tests.logs.frames import make_nmea_sentence
+from tests.logs.test_ubx import make_gps, make_pvt, make_rawx
 
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.time import gpst_from_utc
@@ -23,14 +23,14 @@ def read(*frames: bytes, near: np.datetime64 | None = NEAR):
     return piece
 
 
-def gga(
+def make_gga(
     time: str, *, lat: str = "4730.0000000", quality: int = 1, altitude: str = "350.0", more: str = "50.0"
 ) -> bytes:
-    return nmea_sentence(f"GPGGA,{time},{lat},N,00830.0000000,E,{quality},09,0.8,{altitude},M,{more},M,,")
+    return make_nmea_sentence(f"GPGGA,{time},{lat},N,00830.0000000,E,{quality},09,0.8,{altitude},M,{more},M,,")
 
 
-def rmc(time: str, date: str, status: str = "A") -> bytes:
-    return nmea_sentence(f"GPRMC,{time},{status},4730.0000000,N,00830.0000000,E,0.0,0.0,{date},,,A")
+def make_rmc(time: str, date: str, status: str = "A") -> bytes:
+    return make_nmea_sentence(f"GPRMC,{time},{status},4730.0000000,N,00830.0000000,E,0.0,0.0,{date},,,A")
 
 
 @pytest.mark.shared_data
@@ -80,8 +80,8 @@ def test_blocks_of_any_size_give_the_same_fixes(shared_data, name, monkeypatch) 
 
 
 def test_an_epoch_is_what_has_one_time_of_day() -> None:
-    gst = nmea_sentence("GPGST,120000.00,5,,,,3.0,4.0,7.0")
-    piece = read(rmc("120000.00", "050224"), gga("120000.00"), gst, gga("120001.00"), near=None)
+    gst = make_nmea_sentence("GPGST,120000.00,5,,,,3.0,4.0,7.0")
+    piece = read(make_rmc("120000.00", "050224"), make_gga("120000.00"), gst, make_gga("120001.00"), near=None)
     utc = np.datetime64("2024-02-05T12:00:00", "ns")
     assert piece.fixes.gpst.tolist() == [gpst_from_utc(utc + np.timedelta64(k, "s")).astype(np.int64) for k in (0, 1)]
     lat, lon, height_m = geodetic_from_ecef(piece.fixes.position_ecef_m)
@@ -93,9 +93,9 @@ def test_an_epoch_is_what_has_one_time_of_day() -> None:
 
 
 def test_gns_gll_and_rmc_give_places_too() -> None:
-    gns = nmea_sentence("GNGNS,120000.00,4730.00,N,00830.00,E,AN,07,0.9,350.0,50.0,,")
-    gll = nmea_sentence("GPGLL,4731.00,N,00830.00,E,120001.00,A,A")
-    fixes = read(gns, gll, rmc("120002.00", "050224")).fixes
+    gns = make_nmea_sentence("GNGNS,120000.00,4730.00,N,00830.00,E,AN,07,0.9,350.0,50.0,,")
+    gll = make_nmea_sentence("GPGLL,4731.00,N,00830.00,E,120001.00,A,A")
+    fixes = read(gns, gll, make_rmc("120002.00", "050224")).fixes
     lat, _, height_m = geodetic_from_ecef(fixes.position_ecef_m)
     assert np.degrees(lat) == pytest.approx([47.5, 47.5 + 1 / 60, 47.5])
     assert height_m == pytest.approx([400.0] * 3)  # that of the last one with a height
@@ -103,25 +103,25 @@ def test_gns_gll_and_rmc_give_places_too() -> None:
 
 
 def test_the_day_goes_on_over_midnight() -> None:
-    fixes = read(rmc("235959.00", "280224"), gga("000000.00"), gga("000001.00"), near=None).fixes
+    fixes = read(make_rmc("235959.00", "280224"), make_gga("000000.00"), make_gga("000001.00"), near=None).fixes
     assert np.diff(fixes.gpst).astype(np.int64).tolist() == [10**9] * 2
     assert str(fixes.gpst[-1])[:10] == "2024-02-29"
 
 
 def test_a_date_that_comes_late_dates_what_was_before() -> None:
-    zda = nmea_sentence("GPZDA,000001.00,06,02,2024,00,00")
-    fixes = read(gga("235959.00"), gga("000000.00"), gga("000001.00"), zda, near=None).fixes
+    zda = make_nmea_sentence("GPZDA,000001.00,06,02,2024,00,00")
+    fixes = read(make_gga("235959.00"), make_gga("000000.00"), make_gga("000001.00"), zda, near=None).fixes
     assert [str(t)[:10] for t in fixes.gpst] == ["2024-02-06", "2024-02-06", "2024-02-06"]
     assert np.diff(fixes.gpst).astype(np.int64).tolist() == [10**9] * 2
 
 
 def test_a_date_without_a_place_is_not_believed() -> None:
-    fixes = read(rmc("120000.00", "060180", "V"), rmc("120001.00", "050224"), near=None).fixes
+    fixes = read(make_rmc("120000.00", "060180", "V"), make_rmc("120001.00", "050224"), near=None).fixes
     assert [str(t)[:10] for t in fixes.gpst] == ["2024-02-05"]
 
 
 def test_without_any_date_epochs_are_counted_and_left_out() -> None:
-    octets = gga("120000.00") + gga("120001.00")
+    octets = make_gga("120000.00") + make_gga("120001.00")
     piece = read(octets, near=None)
     assert (piece.fixes, piece.undated_epochs) == (None, 2)
     assert first_instant([octets]) is None
@@ -139,9 +139,9 @@ def test_signals_have_the_numbers_of_their_talkers() -> None:
         ("GQGSV,1,1,01,02,40,083,46,8", {"J02 L5 Q"}),
     ]
     for text, names in sentences:
-        o = read(gga("120000.00"), nmea_sentence(text)).observations
+        o = read(make_gga("120000.00"), make_nmea_sentence(text)).observations
         assert {f"{s.sat} {s.band} {s.code}" for s in o.signals} == names, text
-    assert read(gga("120000.00"), nmea_sentence("GPGSV,1,1,00,,,,,,,,,,,,,,,,")).observations.signals == ()
+    assert read(make_gga("120000.00"), make_nmea_sentence("GPGSV,1,1,00,,,,,,,,,,,,,,,,")).observations.signals == ()
 
 
 @pytest.mark.parametrize(
@@ -156,27 +156,36 @@ def test_signals_have_the_numbers_of_their_talkers() -> None:
     ],
 )
 def test_damaged_sentences_cost_themselves(text) -> None:
-    piece = read(gga("115959.00"), nmea_sentence(text), gga("120001.00"))
+    piece = read(make_gga("115959.00"), make_nmea_sentence(text), make_gga("120001.00"))
     assert piece.damaged_frames == 1
     assert piece.fixes.gpst.size == 2
 
 
 def test_sentences_without_checksums_make_no_log() -> None:
-    assert is_log(gga("120000.00") * 3)
+    assert is_log(make_gga("120000.00") * 3)
     assert not is_log(b"$PRICE, 1, 2\r\n$PRICE, 3, 4\r\n$PRICE, 5, 6\r\n$PRICE, 7, 8\r\n")
 
 
 def test_measurements_with_ranges_come_before_strengths(monkeypatch) -> None:
     monkeypatch.setattr("skyproof.logs.frames._BLOCK_BYTES", 1)
-    gsv = nmea_sentence("GPGSV,1,1,01,05,40,083,46,1")
-    frames = [gga("120000.00") + gsv, gga("120001.00") + gsv, rawx(130_000.0, 2300, [gps(9)]), gga("120002.00") + gsv]
+    gsv = make_nmea_sentence("GPGSV,1,1,01,05,40,083,46,1")
+    frames = [
+        make_gga("120000.00") + gsv,
+        make_gga("120001.00") + gsv,
+        make_rawx(130_000.0, 2300, [make_gps(9)]),
+        make_gga("120002.00") + gsv,
+    ]
     pieces = [piece.observations for piece in read_log(frames, "rx", Beside(NEAR)) if piece.observations is not None]
     assert [bool(np.isfinite(o.pseudorange_m).any()) for o in pieces] == [False, True]
 
 
 def test_sentences_beside_ranges_and_fixes_are_counted_only(monkeypatch) -> None:
     monkeypatch.setattr("skyproof.logs.frames._BLOCK_BYTES", 1)
-    frames = [rawx(100.0, 2300, [gps(9)]) + pvt(100_000, (2024, 2, 4)), gga("000101.00"), gga("000102.00")]
+    frames = [
+        make_rawx(100.0, 2300, [make_gps(9)]) + make_pvt(100_000, (2024, 2, 4)),
+        make_gga("000101.00"),
+        make_gga("000102.00"),
+    ]
     pieces = list(read_log(frames, "rx", Beside(NEAR)))
     assert [piece.fixes is None for piece in pieces] == [False, True, True, True]
     assert sum(piece.messages.get("NMEA", 0) for piece in pieces) == 2
@@ -192,5 +201,5 @@ def test_sentences_beside_ranges_and_fixes_are_counted_only(monkeypatch) -> None
     ],
 )
 def test_places_of_dead_reckoning_are_no_fixes(text) -> None:
-    fixes = read(nmea_sentence(text), gga("120001.00")).fixes
+    fixes = read(make_nmea_sentence(text), make_gga("120001.00")).fixes
     assert fixes.gpst.size == 1

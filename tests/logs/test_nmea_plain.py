@@ -4,7 +4,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from tests.logs.frames import nmea_sentence
+from tests.logs.frames import make_nmea_sentence
 from tests.logs.test_nmea import NEAR
 
 from skyproof.logs.content import Beside
@@ -14,12 +14,12 @@ from skyproof.logs.stream import read_log
 LETTERS = "0123456789,,,.-ANSEWM*FX"
 
 
-def one_by_one(octets, begin, length) -> Addresses:
+def find_unplain(octets, begin, length) -> Addresses:
     """Return addresses that are not plain, so that each sentence is read by itself."""
     return Addresses(np.zeros(begin.size, np.int64), np.zeros(begin.size, np.int64))
 
 
-def sentences(rng: np.random.Generator, count: int) -> list[str]:
+def draw_sentences(rng: np.random.Generator, count: int) -> list[str]:
     """Draw sentences of receivers."""
     drawn = []
     for k in range(count):
@@ -47,23 +47,23 @@ def sentences(rng: np.random.Generator, count: int) -> list[str]:
     return drawn
 
 
-def pieces(octets: bytes):
+def split_pieces(octets: bytes):
     return list(read_log([octets[k : k + 4096] for k in range(0, len(octets), 4096)], "rx", Beside(NEAR)))
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_in_bulk_sentences_give_what_each_gives(seed, monkeypatch) -> None:
     rng = np.random.default_rng(seed)
-    drawn = sentences(rng, 80)
+    drawn = draw_sentences(rng, 80)
     for k in np.flatnonzero(rng.random(len(drawn)) < 0.3 * (seed % 3)):
         text = list(drawn[k])
         text[rng.integers(len(text))] = rng.choice(list(LETTERS))
         drawn[k] = "".join(text)
-    octets = b"".join(nmea_sentence(text) for text in drawn)
+    octets = b"".join(make_nmea_sentence(text) for text in drawn)
     monkeypatch.setattr("skyproof.logs.frames._BLOCK_BYTES", 3000)
-    bulk = pieces(octets)
-    monkeypatch.setattr("skyproof.logs.nmea.read_addresses", one_by_one)
-    single = pieces(octets)
+    bulk = split_pieces(octets)
+    monkeypatch.setattr("skyproof.logs.nmea.read_addresses", find_unplain)
+    single = split_pieces(octets)
     assert len(bulk) == len(single) > 3
     for ours, theirs in zip(bulk, single, strict=True):
         assert ours.damaged_frames == theirs.damaged_frames

@@ -4,8 +4,8 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from tests.logs.frames import ubx_frame
-from tests.logs.test_ubx import gps, rawx
+from tests.logs.frames import make_ubx_frame
+from tests.logs.test_ubx import make_gps, make_rawx
 
 from skyproof.gnss.constants import GPS_PI, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData, UtcParameters, group_delay_s
@@ -28,7 +28,7 @@ WALK = "real/imu-gnss-walk/gnss_1730.ubx"
 
 @pytest.fixture(scope="module")
 def walk(shared_data):
-    """The piece and the orbits of a real log."""
+    """Read the piece and the orbits of a real log."""
     (piece,) = read_log([(shared_data / WALK).read_bytes()], "rx")
     collector = OrbitCollector()
     collector.take(piece.frames, {})
@@ -66,7 +66,7 @@ def test_messages_of_one_satellite_say_the_same(walk) -> None:
     }
 
 
-def packed(bits: np.ndarray) -> np.ndarray:
+def pack_bits(bits: np.ndarray) -> np.ndarray:
     return np.packbits(bits.astype(np.uint8), axis=-1)
 
 
@@ -85,7 +85,7 @@ def test_lnav_frames_give_what_was_encoded() -> None:
         sat=np.array([sent.sat] * 5),
         band=np.array(["L1"] * 5),
         code=np.array(["CA"] * 5),
-        bits=packed(source),
+        bits=pack_bits(source),
     )
     collector = OrbitCollector()
     collector.take([frames], {})
@@ -129,7 +129,7 @@ def test_a_frame_is_mistimed_only_where_its_time_is_known(early_s, late_s, open_
         sat=np.array([sent.sat]),
         band=np.array(["L1"]),
         code=np.array(["CA"]),
-        bits=packed(source[:1]),
+        bits=pack_bits(source[:1]),
     )
     collector = OrbitCollector()
     collector.take([frames], {})
@@ -137,7 +137,7 @@ def test_a_frame_is_mistimed_only_where_its_time_is_known(early_s, late_s, open_
     assert (0 if received is None else len(received.mistimed_sat)) == mistimed
 
 
-def put(field: BitField, value: float, n_bits: int) -> int:
+def encode_value(field: BitField, value: float, n_bits: int) -> int:
     """Return the bits of a frame that carry a value: the inverse of `BitField.value`, written by itself."""
     length = sum(size for _, size in field.runs)
     raw = round(value / GPS_PI / field.scale) if field.angle else round(value / field.scale)
@@ -168,14 +168,14 @@ def test_d2_pages_give_the_numbers_that_were_put() -> None:
     }
     for name, field in _DIVIDED.items():
         n_low, n_bits = field.runs[1][1], sum(size for _, size in field.runs)
-        raw = put(field, values[name], n_bits)
+        raw = encode_value(field, values[name], n_bits)
         values |= {f"{name}_high": raw >> n_low, f"{name}_low": raw & (1 << n_low) - 1}
     pages = {}
     for number, fields in _D2_PAGES.items():
         frame = 0b11100010010 << 289 | 1 << 282 | number << 254
-        frame |= put(BitField("sow_s", ((18, 8), (30, 12))), 3000.0 + 3.0 * (number - 1), 300)
+        frame |= encode_value(BitField("sow_s", ((18, 8), (30, 12))), 3000.0 + 3.0 * (number - 1), 300)
         for field in fields:
-            frame |= put(field, values[field.name], 300)
+            frame |= encode_value(field, values[field.name], 300)
         read = d2_page(frame)
         pages[read[0]] = read[1]
     made = d2_ephemeris(pages, "C03", 2190)
@@ -195,7 +195,7 @@ def test_glonass_strings_give_the_state_of_the_hour() -> None:
     for number, fields in _STRINGS.items():
         frame = number << 80
         for field in fields:
-            frame |= put(field, values.get(field.name, 0), 85)
+            frame |= encode_value(field, values.get(field.name, 0), 85)
         read = glonass_string(frame)
         strings[read[0]] = read[1]
     received = np.datetime64("2022-03-01T19:50:00", "ns")  # 22:49:42 in Moscow, where the time of ephemeris is 22:45
@@ -251,7 +251,7 @@ def test_the_orbits_of_modern_messages_alone_give_the_fix(walk) -> None:
     assert np.nanmedian(apart_m) < 15.0  # no ionosphere
 
 
-def lnav_frames(sat: str, bits: np.ndarray, gpst: np.datetime64) -> BroadcastFrames:
+def make_lnav_frames(sat: str, bits: np.ndarray, gpst: np.datetime64) -> BroadcastFrames:
     """Return subframes (n, 300 bits) that came at one time."""
     source = check_words(bits)[0].reshape(-1, 240)
     n = len(source)
@@ -263,7 +263,7 @@ def lnav_frames(sat: str, bits: np.ndarray, gpst: np.datetime64) -> BroadcastFra
         sat=np.array([sat] * n),
         band=np.array(["L1"] * n),
         code=np.array(["CA"] * n),
-        bits=packed(source),
+        bits=pack_bits(source),
     )
 
 
@@ -275,7 +275,7 @@ def test_what_a_satellite_says_of_utc_is_kept_once() -> None:
     collector = OrbitCollector()
     for times in (0, 1):
         gpst = gpst_of(2190, begin_s + 6.0 + 750.0 * times)
-        collector.take([lnav_frames(sent.sat, bits, gpst)], {})
+        collector.take([make_lnav_frames(sent.sat, bits, gpst)], {})
     received = collector.received()
     (stated,) = received.utc
     assert (stated.sat, stated.utc) == (sent.sat, utc)
@@ -290,7 +290,7 @@ def test_leap_seconds_stand_in_a_page_without_utc() -> None:
     sent, begin_s = navigation.ephemerides[0], 750 * 700 + 30 * 17 + 18
     bits = encode_subframes(sent, navigation.ionosphere, None, begin_s, 2190, 1).reshape(1, 300)
     collector = OrbitCollector()
-    collector.take([lnav_frames(sent.sat, bits, gpst_of(2190, begin_s + 6.0))], {})
+    collector.take([make_lnav_frames(sent.sat, bits, gpst_of(2190, begin_s + 6.0))], {})
     assert collector.received().utc[0].utc.leap_seconds == 18
 
 
@@ -307,7 +307,7 @@ def test_a_change_of_leap_seconds_comes_with_its_day(fields, n_bits, read, behin
     # BeiDou's leap seconds count from 2006, and its days from 0.
     values = {name: value - behind_s * name.startswith("leap") for name, value in UTC_VALUES.items()}
     values |= {"wnt_mod_256": (2190 - week_0) % 256, "wn_lsf_mod_256": (2191 - week_0) % 256}
-    frame = sum(put(field, values[field.name], n_bits) for field in fields)
+    frame = sum(encode_value(field, values[field.name], n_bits) for field in fields)
     stated = read(read_fields(fields, frame, n_bits), "E11", 2190)
     change = gpst_of(2191, 86_400.0 * day + 17.0)
     assert (stated.utc.leap_seconds, stated.later_leap_seconds, stated.later_from_gpst) == (17, 18, change)
@@ -330,7 +330,7 @@ def test_galileo_says_the_utc_that_is_known(walk) -> None:
     assert max(abs(stated.off_s(received.gpst[0])) for stated in received.utc) < 1e-8
 
 
-def written_late(interval_s: int, off_s: int) -> list[bytes]:
+def write_late(interval_s: int, off_s: int) -> list[bytes]:
     """Return epochs of a log, each followed by the subframes that ended since the last one, of another time."""
     sent = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[0]
     begin_s = int(sent.toe) // 30 * 30
@@ -338,10 +338,10 @@ def written_late(interval_s: int, off_s: int) -> list[bytes]:
     head = bytes([0, int(sent.sat[1:]), 0, 0, 10, 0, 2, 0])
     epochs = []
     for second in range(interval_s, 300, interval_s):
-        epoch = rawx(begin_s + second + 1e-3, sent.week, [gps(1000)])
+        epoch = make_rawx(begin_s + second + 1e-3, sent.week, [make_gps(1000)])
         for k in range((second - interval_s) // 6, second // 6):
             words = check_words(bits[k])[0].astype(np.int64) @ (1 << np.arange(23, -1, -1)) << 6
-            epoch += ubx_frame(0x02, 0x13, head + words.astype("<u4").tobytes())
+            epoch += make_ubx_frame(0x02, 0x13, head + words.astype("<u4").tobytes())
         epochs.append(epoch)
     return epochs
 
@@ -350,7 +350,7 @@ def written_late(interval_s: int, off_s: int) -> list[bytes]:
 @pytest.mark.parametrize("interval_s", [1, 5, 30])
 @pytest.mark.parametrize("off_s", [0, 90, -90])
 def test_frames_behind_the_next_epoch_are_in_time_at_any_rate(interval_s, off_s, at_once) -> None:
-    epochs = written_late(interval_s, off_s)
+    epochs = write_late(interval_s, off_s)
     blocks = [b"".join(epochs[k : k + at_once]) for k in range(0, len(epochs), at_once)]
     collector = OrbitCollector()
     for piece in read_log(blocks, "rx"):
@@ -360,7 +360,7 @@ def test_frames_behind_the_next_epoch_are_in_time_at_any_rate(interval_s, off_s,
     assert len(received.ephemerides) == 1
 
 
-def glonass_frames(came: list[tuple[float, int, int]]) -> BroadcastFrames:
+def make_glonass_frames(came: list[tuple[float, int, int]]) -> BroadcastFrames:
     """Return strings that came so many seconds after noon of Moscow, of a number, of the data of a quarter of an hour.
 
     What they carry is drawn, another for each quarter.
@@ -373,7 +373,7 @@ def glonass_frames(came: list[tuple[float, int, int]]) -> BroadcastFrames:
         values |= {f"{axis}_position_m": 1e7 + 1e6 * quarter for axis in "xyz"}
         frame = number << 80
         for field in _STRINGS[number]:
-            frame |= put(field, values.get(field.name, 0), 85)
+            frame |= encode_value(field, values.get(field.name, 0), 85)
         octets.append(np.frombuffer((frame << 3).to_bytes(11, "big"), np.uint8))
     return BroadcastFrames(
         kind="GLONASS",
@@ -387,17 +387,17 @@ def glonass_frames(came: list[tuple[float, int, int]]) -> BroadcastFrames:
     )
 
 
-def in_turn(numbers: tuple[int, ...], after_s: float, quarter: int) -> list[tuple[float, int, int]]:
+def take_in_turn(numbers: tuple[int, ...], after_s: float, quarter: int) -> list[tuple[float, int, int]]:
     return [(after_s + 2.0 * number, number, quarter) for number in numbers]
 
 
 @pytest.mark.parametrize(
     ("later", "expected"),
     [
-        (in_turn((1, 2, 3, 4), 30.0, 2), [0, 2]),
-        (in_turn((2, 3, 4), 30.0, 2), [0]),
-        (in_turn((1, 2, 4), 30.0, 2), [0]),
-        (in_turn((1, 2, 3), 30.0, 2), [0]),
+        (take_in_turn((1, 2, 3, 4), 30.0, 2), [0, 2]),
+        (take_in_turn((2, 3, 4), 30.0, 2), [0]),
+        (take_in_turn((1, 2, 4), 30.0, 2), [0]),
+        (take_in_turn((1, 2, 3), 30.0, 2), [0]),
         ([(0.0, number, 2) for number in (1, 2, 3, 4)], [0, 2]),
     ],
     ids=["whole", "without 1", "without 3", "without 4", "all at one epoch"],
@@ -405,6 +405,6 @@ def in_turn(numbers: tuple[int, ...], after_s: float, quarter: int) -> list[tupl
 def test_strings_of_two_frames_make_no_orbit(later, expected) -> None:
     # No number tells of which data a string is: at the half hour they change.
     collector = OrbitCollector()
-    collector.take([glonass_frames(in_turn((1, 2, 3, 4), 0.0, 0) + later)], {"R07": 5})
+    collector.take([make_glonass_frames(take_in_turn((1, 2, 3, 4), 0.0, 0) + later)], {"R07": 5})
     made = collector.navigation("test").ephemerides
     assert [(round(e.tau_n * 1e6), e.position_m) for e in made] == [(k, (1e7 + 1e6 * k,) * 3) for k in expected]

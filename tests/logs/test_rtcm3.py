@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pyrtcm import RTCMReader
 from pyrtcm.rtcmtables import PRNSIGMAP
-from tests.logs.frames import MSM_CELL_BITS, chained_bits, msm_message, rtcm3_frame
+from tests.logs.frames import MSM_CELL_BITS, chain_bits, make_msm_message, make_rtcm3_frame
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import carrier_hz_of, rinex_signal
@@ -29,7 +29,7 @@ def read(*frames: bytes, near: np.datetime64 | None = NEAR, **given):
     return piece
 
 
-def fields(message, name: str) -> list:
+def list_fields(message, name: str) -> list:
     values, k = [], 1
     while hasattr(message, f"{name}_{k:02d}"):
         values.append(getattr(message, f"{name}_{k:02d}"))
@@ -37,13 +37,13 @@ def fields(message, name: str) -> list:
     return values
 
 
-def messages_of(octets: bytes):
+def read_messages(octets: bytes):
     """Return the messages of a stream as pyrtcm parses them."""
     parsed = [message for _, message in RTCMReader(io.BytesIO(octets), quitonerror=0)]
     return [message for message in parsed if message is not None]
 
 
-def seconds_of(message) -> float:
+def find_seconds(message) -> float:
     """Return the time of an observation as its system counts, GLONASS's as of UTC."""
     if hasattr(message, "DF034"):
         return message.DF034 / 1e3 - 3 * 3600
@@ -51,24 +51,24 @@ def seconds_of(message) -> float:
     return tow_ms / 1e3
 
 
-def cells_of(octets: bytes, leap_s: int, bdt_s: int) -> dict:
+def read_cells(octets: bytes, leap_s: int, bdt_s: int) -> dict:
     """Return what pyrtcm reads of MSM7 of a stream: ranges and rate by second of day and RINEX name."""
     found = {}
-    for message in messages_of(octets):
+    for message in read_messages(octets):
         if not 1070 < int(message.identity) < 1138 or message.identity[-1] != "7":
             continue
-        second = seconds_of(message)
+        second = find_seconds(message)
         second += leap_s if hasattr(message, "DF034") else bdt_s if hasattr(message, "DF427") else 0
         system = SYSTEMS[(int(message.identity) - 1070) // 10]
         rough = dict(
             zip(
-                fields(message, "PRN"),
-                zip(*(fields(message, name) for name in ("DF397", "DF398", "DF399")), strict=True),
+                list_fields(message, "PRN"),
+                zip(*(list_fields(message, name) for name in ("DF397", "DF398", "DF399")), strict=True),
                 strict=True,
             )
         )
         names = ("CELLPRN", "CELLSIG", "DF405", "DF406", "DF404", "DF408", "DF420")
-        for prn, name, code, carrier, rate, level, half in zip(*(fields(message, n) for n in names), strict=True):
+        for prn, name, code, carrier, rate, level, half in zip(*(list_fields(message, n) for n in names), strict=True):
             whole, mod, rough_rate = rough[prn]
             code, carrier, rate = (np.nan if v == n else v for v, n in zip((code, carrier, rate), NOTHING, strict=True))
             found[round(second * 1e3) % 86_400_000, system, int(prn), name] = (
@@ -87,7 +87,9 @@ def test_msm_is_that_of_pyrtcm(shared_data, name, leap_s, bdt_s, least) -> None:
     octets = (shared_data / "real/streams" / name).read_bytes()
     o, compared = read(octets, near=first_instant([octets]) or NEAR).observations, 0
     rows = {round(week_and_tow(t)[1] * 1e3) % 86_400_000: k for k, t in enumerate(o.gpst)}
-    for (ms, system, prn, name_of), (code_m, phase_m, rate_m_s, level, half) in cells_of(octets, leap_s, bdt_s).items():
+    for (ms, system, prn, name_of), (code_m, phase_m, rate_m_s, level, half) in read_cells(
+        octets, leap_s, bdt_s
+    ).items():
         kind = rinex_signal(system, name_of) if name_of != "/" else None
         if kind is None:
             continue
@@ -112,17 +114,17 @@ def test_old_observations_are_those_of_pyrtcm(shared_data) -> None:
     rows = {round(week_and_tow(t)[1] * 1e3) % 86_400_000: k for k, t in enumerate(o.gpst)}
     codes = phases = 0
     seen: dict[SignalId, list[tuple[float, float]]] = defaultdict(list)
-    for message in messages_of(octets):
+    for message in read_messages(octets):
         if message.identity not in ("1004", "1012"):
             continue
         glonass = message.identity == "1012"
-        second = seconds_of(message)
+        second = find_seconds(message)
         row = rows[round((second + (15 if glonass else 0)) * 1e3) % 86_400_000]
         names = ("DF038", "DF039", "DF041", "DF042", "DF044", "DF045", "DF046", "DF047", "DF048", "DF050")
         if not glonass:
             names = ("DF009", "DF010", "DF011", "DF012", "DF014", "DF015", "DF016", "DF017", "DF018", "DF020")
         for sv, l1, code_m, apart_m, whole, cn0, l2, more_m, apart_2_m, cn0_2 in zip(
-            *(fields(message, name) for name in names), strict=True
+            *(list_fields(message, name) for name in names), strict=True
         ):
             sat = f"R{sv:02d}" if glonass else f"G{sv:02d}" if sv < 40 else f"S{sv - 20:02d}"
             first = ("G1", "CP"[l1]) if glonass else ("L1", "CP"[l1])
@@ -186,7 +188,7 @@ def test_signals_are_those_of_pyrtcm() -> None:
             wanted = rinex_signal(system, named[system][bit][1]) if bit in named[system] else None
             time = 42_000_000 if system == "R" else 1000
             o = read(
-                msm_message(1077 + 10 * number, time, {1: (70, 7, 512, 0)}, {(1, bit): (1, 1, 5, 0, 640, 1)})
+                make_msm_message(1077 + 10 * number, time, {1: (70, 7, 512, 0)}, {(1, bit): (1, 1, 5, 0, 640, 1)})
             ).observations
             assert (None if o is None else (o.signals[0].band, o.signals[0].code)) == wanted
             compared += wanted is not None
@@ -202,11 +204,11 @@ def test_made_messages_give_their_numbers_and_pyrtcms(kind) -> None:
         (24, 2): (7, 8, 1, 0, 50, 0),
     }
     code_ms, phase_ms, cn0 = (2.0**-24, 2.0**-29, 1.0) if kind < 6 else (2.0**-29, 2.0**-31, 1 / 16)
-    frame = msm_message(1070 + kind, 345_600_000, sats, cells)
+    frame = make_msm_message(1070 + kind, 345_600_000, sats, cells)
     o = read(frame).observations
-    (message,) = messages_of(frame)
+    (message,) = read_messages(frame)
     assert o.gpst[0] == gpst(2300, 345_600.0)
-    fine_ms = fields(message, "DF400") or fields(message, "DF405")
+    fine_ms = list_fields(message, "DF400") or list_fields(message, "DF405")
     for k, (sat, signal) in enumerate(sorted(cells)):
         whole, _, mod, rate = sats[sat]
         fine, phase, _, half, level, fine_rate = cells[sat, signal]
@@ -230,7 +232,7 @@ def test_numbers_that_mean_nothing_are_no_measurements(kind) -> None:
     good = [1, 1, 3, 0, 40, 1][: len(bits)]
     cells = {(1, 2): tuple(none), (2, 2): tuple(good), (3, 2): (none[0], *good[1:])}
     o = read(
-        msm_message(1070 + kind, 1000, {1: (70, 0, 5, 1), 2: (255, 0, 5, 1), 3: (71, 0, 5, -8192)}, cells)
+        make_msm_message(1070 + kind, 1000, {1: (70, 0, 5, 1), 2: (255, 0, 5, 1), 3: (71, 0, 5, -8192)}, cells)
     ).observations
     sats = [signal.sat for signal in o.signals]
     assert "G01" not in sats
@@ -241,8 +243,10 @@ def test_numbers_that_mean_nothing_are_no_measurements(kind) -> None:
         assert np.isfinite(o.doppler_hz[0, sats.index("G02")])
 
 
-def simple(time: int, *, number: int = 1077, lock: int = 600, station: int = 9, sat: int = 1, half: int = 0) -> bytes:
-    return msm_message(number, time, {sat: (70, 7, 5, 1)}, {(sat, 2): (1, 1, lock, half, 640, 1)}, station=station)
+def make_simple(
+    time: int, *, number: int = 1077, lock: int = 600, station: int = 9, sat: int = 1, half: int = 0
+) -> bytes:
+    return make_msm_message(number, time, {sat: (70, 7, 5, 1)}, {(sat, 2): (1, 1, lock, half, 640, 1)}, station=station)
 
 
 def test_lock_times_are_those_of_the_tables() -> None:
@@ -253,67 +257,69 @@ def test_lock_times_are_those_of_the_tables() -> None:
 
 def test_slips_show_in_the_lock_of_messages() -> None:
     # 1 s apart: 2048 ms at 224, 4096 ms at 256; 1 ms at 1.
-    o = read(*(simple(1000 * k, lock=lock) for k, lock in enumerate((224, 256, 256, 224, 1)))).observations
+    o = read(*(make_simple(1000 * k, lock=lock) for k, lock in enumerate((224, 256, 256, 224, 1)))).observations
     assert o.slipped[:, 0].tolist() == [False, False, False, True, True]
 
 
 def test_a_lock_shorter_than_a_gap_is_a_slip() -> None:
-    o = read(simple(0, lock=224), simple(60_000, lock=256), simple(62_000, lock=288)).observations
+    o = read(make_simple(0, lock=224), make_simple(60_000, lock=256), make_simple(62_000, lock=288)).observations
     assert o.slipped[:, 0].tolist() == [False, True, False]
 
 
 def test_a_half_cycle_that_is_resolved_is_a_slip() -> None:
-    o = read(simple(0, half=1), simple(1000)).observations
+    o = read(make_simple(0, half=1), make_simple(1000)).observations
     assert o.slipped[:, 0].tolist() == [False, True]
 
 
-def glonass_time(day: int, ms: int) -> int:
+def make_glonass_time(day: int, ms: int) -> int:
     return day << 27 | ms
 
 
 def test_systems_meet_in_one_epoch() -> None:
     tow_ms = 2 * 86_400_000 + 43_200_000  # Tuesday noon
     moscow_ms = 43_200_000 - 18_000 + 3 * 3_600_000
-    frames = [simple(tow_ms), simple(tow_ms, number=1097), simple(tow_ms - 14_000, number=1127)]
+    frames = [make_simple(tow_ms), make_simple(tow_ms, number=1097), make_simple(tow_ms - 14_000, number=1127)]
     for day in (2, 7):
-        o = read(*frames, simple(glonass_time(day, moscow_ms), number=1087)).observations
+        o = read(*frames, make_simple(make_glonass_time(day, moscow_ms), number=1087)).observations
         assert o.gpst.tolist() == [gpst(2300, tow_ms / 1e3).astype(np.int64)]
         assert [signal.sat for signal in o.signals] == ["C01", "E01", "G01", "R01"]
 
 
 def test_glonass_goes_on_over_midnight_in_moscow() -> None:
     day_ms = 86_400_000
-    frames = [simple(day_ms * 2 + 20 * 3_600_000)]
-    frames += [simple(glonass_time(day, ms), number=1087) for day, ms in ((7, day_ms - 1000), (7, 0), (7, 1000))]
+    frames = [make_simple(day_ms * 2 + 20 * 3_600_000)]
+    frames += [
+        make_simple(make_glonass_time(day, ms), number=1087) for day, ms in ((7, day_ms - 1000), (7, 0), (7, 1000))
+    ]
     o = read(*frames).observations
     assert np.diff(o.elapsed_s).tolist() == [3600.0 + 17.0, 1.0, 1.0]
 
 
 def test_beidou_of_the_same_epoch_may_be_in_gps_time() -> None:
     cells = {(1, 2): (1, 1, 600, 0, 640, 1)}
-    gps = msm_message(1077, 100_000, {1: (70, 0, 5, 1)}, cells, more=True)
-    o = read(gps, simple(100_000, number=1127)).observations
+    gps = make_msm_message(1077, 100_000, {1: (70, 0, 5, 1)}, cells, more=True)
+    o = read(gps, make_simple(100_000, number=1127)).observations
     assert [signal.sat for signal in o.signals] == ["C01", "G01"]
     assert o.gpst.size == 1
 
 
 def test_the_turn_of_the_week_goes_on_in_messages() -> None:
-    o = read(simple(604_799_000), simple(0), near=np.datetime64("2024-02-10T22:00", "ns")).observations
+    o = read(make_simple(604_799_000), make_simple(0), near=np.datetime64("2024-02-10T22:00", "ns")).observations
     assert o.gpst.tolist() == [gpst(2300, 604_799.0).astype(np.int64), gpst(2301, 0.0).astype(np.int64)]
 
 
 def test_without_a_week_epochs_are_left_out() -> None:
-    piece = read(simple(0), simple(1000), near=None)
+    piece = read(make_simple(0), make_simple(1000), near=None)
     assert piece.observations is None
     assert piece.undated_epochs == 2
 
 
 def test_channels_come_from_the_message_or_from_outside() -> None:
-    time = glonass_time(2, 50_000_000)
-    known = read(simple(time, number=1087)).observations  # extended information 7 is number 0
+    time = make_glonass_time(2, 50_000_000)
+    known = read(make_simple(time, number=1087)).observations  # extended information 7 is number 0
     assert known.carrier_hz.tolist() == [carrier_hz_of("G1", 0)]
     cells = {(1, 2): (1, 1, 600, 0, 640)}
-    plain = msm_message(1086, time, {1: (70, 0, 5, 0)}, cells)
+    plain = make_msm_message(1086, time, {1: (70, 0, 5, 0)}, cells)
     unknown = read(plain).observations
     assert np.isnan(unknown.carrier_cyc).all()
     assert np.isfinite(unknown.pseudorange_m).all()
@@ -321,13 +327,13 @@ def test_channels_come_from_the_message_or_from_outside() -> None:
 
 
 def test_other_stations_are_left_out_and_named() -> None:
-    piece = read(simple(0), simple(0, station=10, sat=2), simple(1000))
+    piece = read(make_simple(0), make_simple(0, station=10, sat=2), make_simple(1000))
     assert [signal.sat for signal in piece.observations.signals] == ["G01"]
     assert any("than 9" in remark for remark in piece.remarks)
 
 
 def test_an_epoch_over_two_stretches_stays_one(monkeypatch) -> None:
-    frames = [frame for k in range(4) for frame in (simple(1000 * k), simple(1000 * k, number=1097))]
+    frames = [frame for k in range(4) for frame in (make_simple(1000 * k), make_simple(1000 * k, number=1097))]
     monkeypatch.setattr("skyproof.logs.frames._BLOCK_BYTES", 1)
     pieces = list(read_log(frames, "rx", Beside(NEAR)))
     observed = [piece.observations for piece in pieces if piece.observations is not None]
@@ -336,24 +342,26 @@ def test_an_epoch_over_two_stretches_stays_one(monkeypatch) -> None:
     assert sum(piece.messages.get("RTCM 1077", 0) for piece in pieces) == 4
 
 
-def old_gps(tow_ms: int, apart: int, *, lock: int = 100) -> bytes:
+def make_old_gps(tow_ms: int, apart: int, *, lock: int = 100) -> bytes:
     """Return 1002 of satellite 5: 70 ms and 1000 m, and the phase so many half millimetres apart from it."""
     fields = [(1002, 12), (9, 12), (tow_ms, 30), (0, 1), (1, 5), (0, 1), (0, 3)]
     fields += [(5, 6), (0, 1), (50_000, 24), (apart, 20), (lock, 7), (70, 8), (180, 8)]
-    return rtcm3_frame(chained_bits(fields))
+    return make_rtcm3_frame(chain_bits(fields))
 
 
 def test_old_phases_go_on_where_their_field_begins_anew() -> None:
     wavelength_m = SPEED_OF_LIGHT_M_S / carrier_hz_of("L1")
     turn = round(1500 * wavelength_m / 0.0005)
-    o = read(*(old_gps(1000 * k, apart) for k, apart in enumerate((280_000, 284_000, 288_000 - turn)))).observations
+    o = read(
+        *(make_old_gps(1000 * k, apart) for k, apart in enumerate((280_000, 284_000, 288_000 - turn)))
+    ).observations
     assert o.pseudorange_m[:, 0] == pytest.approx(70 * MS_M + 1000.0)
     assert np.diff(o.carrier_cyc[:, 0]) * wavelength_m == pytest.approx([2.0, 2.0], abs=1e-3)
-    assert np.isnan(read(old_gps(0, -524_288)).observations.carrier_cyc).all()
+    assert np.isnan(read(make_old_gps(0, -524_288)).observations.carrier_cyc).all()
 
 
 def test_ranges_modulo_a_millisecond_are_no_measurements() -> None:
-    piece = read(rtcm3_frame(chained_bits([(1001, 12), (9, 12), (1000, 30), (0, 80)])))
+    piece = read(make_rtcm3_frame(chain_bits([(1001, 12), (9, 12), (1000, 30), (0, 80)])))
     assert piece.observations is None
     assert any("modulo" in remark for remark in piece.remarks)
 
@@ -361,18 +369,18 @@ def test_ranges_modulo_a_millisecond_are_no_measurements() -> None:
 def test_the_stated_antenna_is_named_once() -> None:
     x, y, z = 44_440_308_028, 30_856_712_349, 33_666_582_560
     fields = [(1005, 12), (9, 12), (0, 10), (x, 38), (0, 2), (y, 38), (0, 2), (z, 38)]
-    frame = rtcm3_frame(chained_bits(fields))
+    frame = make_rtcm3_frame(chain_bits(fields))
     (remark,) = read(frame, frame).remarks
     assert "32.0658325, 34.7738190, 72.13 m" in remark
 
 
 def test_messages_that_end_early_or_say_too_much_give_nothing() -> None:
-    whole = simple(1000)[3:-3]
+    whole = make_simple(1000)[3:-3]
     for size in range(2, len(whole)):
-        assert read(rtcm3_frame(whole[:size])).observations is None
+        assert read(make_rtcm3_frame(whole[:size])).observations is None
     crowded = bytearray(whole)
     crowded[9:21] = b"\xff" * 12  # all satellites, all signals
-    assert read(rtcm3_frame(bytes(crowded))).observations is None
-    old = old_gps(0, 1)[3:-3]
+    assert read(make_rtcm3_frame(bytes(crowded))).observations is None
+    old = make_old_gps(0, 1)[3:-3]
     for size in range(2, len(old)):
-        assert read(rtcm3_frame(old[:size])).observations is None
+        assert read(make_rtcm3_frame(old[:size])).observations is None

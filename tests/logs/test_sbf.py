@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from pysbf2 import SBFReader
-from tests.logs.frames import sbf_block
+from tests.logs.frames import make_sbf_block
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef
@@ -27,7 +27,7 @@ def read(*blocks: bytes) -> LogPiece:
     return piece
 
 
-def channel(
+def make_channel(
     sv: int,
     signal: int,
     code_m: float,
@@ -60,7 +60,9 @@ def channel(
     return head + struct.pack("<HBB", lock_s, info, len(seconds)) + b"".join(seconds)
 
 
-def second(signal: int, *, code_m: float, doppler_hz: float, cycles: float, cn0: int = 120, lock_s: int = 50) -> bytes:
+def make_second(
+    signal: int, *, code_m: float, doppler_hz: float, cycles: float, cn0: int = 120, lock_s: int = 50
+) -> bytes:
     """Return a sub-block of type 2: differences from the first signal, and what the carrier is more than the code."""
     code, doppler, carrier = round(code_m * 1e3), round(doppler_hz * 1e4), round(cycles * 1e3)
     offsets = (code >> 16 & 7) | (doppler >> 16 & 31) << 3
@@ -69,27 +71,27 @@ def second(signal: int, *, code_m: float, doppler_hz: float, cycles: float, cn0:
     )
 
 
-def epoch(*channels: bytes, time: bytes = TIME, flags: int = 0) -> bytes:
-    return sbf_block(4027, time + bytes([len(channels), 20, 12, flags, 0, 0]) + b"".join(channels), revision=1)
+def make_epoch(*channels: bytes, time: bytes = TIME, flags: int = 0) -> bytes:
+    return make_sbf_block(4027, time + bytes([len(channels), 20, 12, flags, 0, 0]) + b"".join(channels), revision=1)
 
 
-GPS = channel(
+GPS = make_channel(
     5,
     0,
     21_234_567.891,
     doppler_hz=-1234.5678,
     cycles=-1000.25,
     seconds=(
-        second(3, code_m=-12.345, doppler_hz=0.5, cycles=77.125),
-        second(4, code_m=101.5, doppler_hz=-1.25, cycles=-2.5),
+        make_second(3, code_m=-12.345, doppler_hz=0.5, cycles=77.125),
+        make_second(4, code_m=101.5, doppler_hz=-1.25, cycles=-2.5),
     ),
 )
-GLONASS = channel(45, 8, 20_500_000.5, doppler_hz=900.0, cycles=3.5, info=(2 + 8) << 3)
-BEIDOU = channel(230, 34, 38_000_000.25, doppler_hz=3.0, cycles=0.25)
+GLONASS = make_channel(45, 8, 20_500_000.5, doppler_hz=900.0, cycles=3.5, info=(2 + 8) << 3)
+BEIDOU = make_channel(230, 34, 38_000_000.25, doppler_hz=3.0, cycles=0.25)
 
 
 def test_measurements_are_those_of_the_guide() -> None:
-    o = read(epoch(GPS, GLONASS, BEIDOU)).observations
+    o = read(make_epoch(GPS, GLONASS, BEIDOU)).observations
     row = {s: k for k, s in enumerate(o.signals)}
     l1, l2, l5 = (row[SignalId("G05", *kind)] for kind in (("L1", "CA"), ("L2", "L"), ("L5", "Q")))
     code_m, cycles, hertz = o.pseudorange_m[0], o.carrier_cyc[0], o.doppler_hz[0]
@@ -106,7 +108,7 @@ def test_measurements_are_those_of_the_guide() -> None:
 
 def test_blocks_are_what_pysbf2_takes_them_for(tmp_path) -> None:
     path = tmp_path / "a.sbf"
-    path.write_bytes(epoch(GPS, GLONASS, BEIDOU) + geodetic() + status(2, 8))
+    path.write_bytes(make_epoch(GPS, GLONASS, BEIDOU) + make_geodetic() + make_status(2, 8))
     with open(path, "rb") as stream:
         names = [message.identity for _, message in SBFReader(stream) if message is not None]
     assert names == ["MeasEpoch", "PVTGeodetic", "RFStatus"]
@@ -119,23 +121,23 @@ def test_blocks_are_what_pysbf2_takes_them_for(tmp_path) -> None:
 
 def test_what_the_block_marks_unknown_is_missing() -> None:
     unknown = struct.pack("<BBBBIiHbBHBB", 1, 0, 9, 0, 0, -(2**31), 0, -128, 255, 65_535, 0, 0)
-    good = channel(5, 0, 2.1e7, doppler_hz=0.0, cycles=1.0, cn0=255, lock_s=65_535)
-    o = read(epoch(unknown, good)).observations
+    good = make_channel(5, 0, 2.1e7, doppler_hz=0.0, cycles=1.0, cn0=255, lock_s=65_535)
+    o = read(make_epoch(unknown, good)).observations
     assert [s.sat for s in o.signals] == ["G05"]
     assert np.isnan(o.cn0_dbhz[0, 0])
     assert np.isnan(o.carrier_cyc[0, 0])
 
 
 def test_other_antennas_and_scrambled_epochs_are_left_out() -> None:
-    aside = channel(9, 0, 2.1e7, doppler_hz=0.0, cycles=1.0, antenna=1)
-    piece = read(epoch(GPS, aside), epoch(GPS, flags=0x80, time=struct.pack("<IH", 345_601_500, 2300)))
+    aside = make_channel(9, 0, 2.1e7, doppler_hz=0.0, cycles=1.0, antenna=1)
+    piece = read(make_epoch(GPS, aside), make_epoch(GPS, flags=0x80, time=struct.pack("<IH", 345_601_500, 2300)))
     assert {s.sat for s in piece.observations.signals} == {"G05"}
     assert piece.observations.gpst.size == 1
     assert any("scrambled" in remark for remark in piece.remarks)
 
 
 def test_epochs_without_a_time_are_left_out_and_counted() -> None:
-    piece = read(epoch(GPS, time=struct.pack("<IH", 0xFFFFFFFF, 0xFFFF)), epoch(GPS))
+    piece = read(make_epoch(GPS, time=struct.pack("<IH", 0xFFFFFFFF, 0xFFFF)), make_epoch(GPS))
     assert piece.observations.gpst.size == 1
     assert any("1 epochs before" in remark for remark in piece.remarks)
 
@@ -143,7 +145,7 @@ def test_epochs_without_a_time_are_left_out_and_counted() -> None:
 def test_slips_show_in_the_lock_time() -> None:
     def at(second_s: int, lock_s: int) -> bytes:
         time = struct.pack("<IH", 345_600_000 + 1000 * second_s, 2300)
-        return epoch(channel(5, 0, 2.1e7, doppler_hz=0.0, cycles=1.0, lock_s=lock_s), time=time)
+        return make_epoch(make_channel(5, 0, 2.1e7, doppler_hz=0.0, cycles=1.0, lock_s=lock_s), time=time)
 
     o = read(*(at(k, lock) for k, lock in enumerate((20, 20, 22, 1, 2, 0)))).observations
     assert o.slipped[:, 0].tolist() == [False, False, False, True, False, True]
@@ -151,23 +153,23 @@ def test_slips_show_in_the_lock_time() -> None:
 
 @pytest.mark.parametrize("size", [21, 33, 40, 55])
 def test_a_block_that_ends_early_gives_what_is_whole(size) -> None:
-    whole = epoch(GPS, GLONASS)
-    cut = sbf_block(4027, whole[8:size], revision=1)
+    whole = make_epoch(GPS, GLONASS)
+    cut = make_sbf_block(4027, whole[8:size], revision=1)
     piece = read(cut)
     assert piece.observations is None or len(piece.observations.signals) < 4
 
 
-def geodetic(mode: int = 1, error: int = 0) -> bytes:
+def make_geodetic(mode: int = 1, error: int = 0) -> bytes:
     body = TIME + bytes([mode, error]) + struct.pack("<ddd", np.radians(47.5), np.radians(8.5), 400.25)
     body += struct.pack("<fffff", 48.0, 1.5, -2.5, 0.25, 90.0) + struct.pack("<df", 0.125, 0.5)
     body += (
         bytes([0, 0, 11, 0]) + struct.pack("<HHI", 0, 65_535, 1) + bytes([0, 0]) + struct.pack("<HHHH", 0, 0, 120, 300)
     )
-    return sbf_block(4007, body + bytes(1), revision=2)
+    return make_sbf_block(4007, body + bytes(1), revision=2)
 
 
 def test_a_fix_has_place_velocity_clock_and_accuracy() -> None:
-    fixes = read(geodetic()).fixes
+    fixes = read(make_geodetic()).fixes
     lat, lon, height = geodetic_from_ecef(fixes.position_ecef_m)
     assert np.degrees([lat[0], lon[0]]) == pytest.approx([47.5, 8.5], abs=1e-12)
     assert height[0] == pytest.approx(400.25, abs=1e-6)
@@ -179,17 +181,17 @@ def test_a_fix_has_place_velocity_clock_and_accuracy() -> None:
 
 @pytest.mark.parametrize(("mode", "error"), [(0, 0), (1, 3)])
 def test_a_fix_with_an_error_is_none(mode, error) -> None:
-    assert read(geodetic(mode, error)).fixes is None
+    assert read(make_geodetic(mode, error)).fixes is None
 
 
-def status(flags: int, mode: int) -> bytes:
+def make_status(flags: int, mode: int) -> bytes:
     band = struct.pack("<IHBB", 1_575_420_000, 20, mode, 0)
-    return sbf_block(4092, TIME + bytes([1, 8, flags, 0, 0, 0]) + band)
+    return make_sbf_block(4092, TIME + bytes([1, 8, flags, 0, 0, 0]) + band)
 
 
 def test_states_of_jamming_spoofing_and_authentication() -> None:
-    authentic = sbf_block(4245, TIME + struct.pack("<HfQQQQ", 6, 0.0, 0b1011, 0b0011, 0, 0))
-    states = read(status(0, 1), status(2, 8), authentic).states
+    authentic = make_sbf_block(4245, TIME + struct.pack("<HfQQQQ", 6, 0.0, 0b1011, 0b0011, 0, 0))
+    states = read(make_status(0, 1), make_status(2, 8), authentic).states
     assert sorted(zip(states.subject, states.state, states.alarm, strict=True)) == [
         ("authentication", "failed", True),
         ("jamming", "interference", True),
@@ -201,7 +203,7 @@ def test_states_of_jamming_spoofing_and_authentication() -> None:
 
 def test_gains_are_levels() -> None:
     gains = bytes([1, 35, 100, 0]) + bytes([2, 256 - 128, 100, 0]) + bytes([3, 20, 50, 5])
-    levels = read(sbf_block(4014, TIME + bytes(14) + bytes([3, 4, 0, 60]) + gains)).levels
+    levels = read(make_sbf_block(4014, TIME + bytes(14) + bytes([3, 4, 0, 60]) + gains)).levels
     assert levels.band.tolist() == ["G1", "L2"]
     assert levels.agc_db.tolist() == [35.0, 20.0]
     assert levels.noise_db == pytest.approx([0.0, -3.0103], abs=1e-3)
@@ -216,7 +218,7 @@ def test_lnav_blocks_give_their_orbit(inverted) -> None:
     for k, frame in enumerate(bits):
         words = np.packbits(np.append(frame, np.zeros(20, np.int8)).astype(np.uint8)).reshape(10, 4)[:, ::-1].tobytes()
         time = struct.pack("<IH", 1000 * (tow_s + 6 * (k + 1)), sent.week)
-        blocks.append(sbf_block(4017, time + bytes([int(sent.sat[1:]), 1, 0, 0, 0, 3]) + words))
+        blocks.append(make_sbf_block(4017, time + bytes([int(sent.sat[1:]), 1, 0, 0, 0, 3]) + words))
     collector = OrbitCollector()
     collector.take(read(*blocks).frames, {})
     (orbit,) = collector.navigation("x").ephemerides

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from skyproof.logs.text import MISSING, read_fields, split_lines
 
 
-def fields_of(*lines: str, **names: tuple[str, ...]):
+def list_fields(*lines: str, **names: tuple[str, ...]):
     (stretch,) = split_lines(["\n".join(lines).encode() + b"\n"])
     return read_fields(stretch, np.arange(len(lines)), {"word": 0, "a": 1, "b": 2}, **names)
 
@@ -23,8 +23,8 @@ def fields_of(*lines: str, **names: tuple[str, ...]):
 @example(".5")
 @example("5.")
 def test_numbers_are_those_of_python(text) -> None:
-    real = fields_of(f"Raw,{text},x", reals=("a",)).reals["a"][0]
-    whole = fields_of(f"Raw,{text},x", wholes=("a",)).wholes["a"][0]
+    real = list_fields(f"Raw,{text},x", reals=("a",)).reals["a"][0]
+    whole = list_fields(f"Raw,{text},x", wholes=("a",)).wholes["a"][0]
     assert real == pytest.approx(float(text), rel=1e-15, abs=1e-300)
     if text.lstrip("+-").isdigit() and abs(int(text)) < 9_223_372_036_854_775_800:
         assert whole == int(text)
@@ -36,13 +36,13 @@ def test_numbers_are_those_of_python(text) -> None:
     "text", ["", " ", "-", ".", "e5", "1e", "1.2.3", "0x10", "nan", "9e999", "1e60", "1 2", "1_0", "--1"]
 )
 def test_what_is_no_number_is_missing(text) -> None:
-    assert math.isnan(fields_of(f"Raw,{text},7", reals=("a",)).reals["a"][0])
-    fields = fields_of(f"Raw,{text},7", wholes=("a", "b"))
+    assert math.isnan(list_fields(f"Raw,{text},7", reals=("a",)).reals["a"][0])
+    fields = list_fields(f"Raw,{text},7", wholes=("a", "b"))
     assert [fields.wholes[name].tolist() for name in "ab"] == [[MISSING], [7]]
 
 
 def test_short_lines_lack_their_last_fields() -> None:
-    fields = fields_of("Raw,1", "Raw", "Raw,2,3", wholes=("b", "none"), reals=("a",), places=("word", "b"))
+    fields = list_fields("Raw,1", "Raw", "Raw,2,3", wholes=("b", "none"), reals=("a",), places=("word", "b"))
     assert fields.wholes["b"].tolist() == [MISSING, MISSING, 3]
     assert fields.wholes["none"].tolist() == [MISSING] * 3
     assert [math.isnan(value) for value in fields.reals["a"]] == [False, True, False]

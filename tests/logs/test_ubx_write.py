@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pyubx2 import UBXReader
-from tests.logs.frames import ubx_frame as frame_by_hand
-from tests.logs.test_ubx import RAWX, fields
+from tests.logs.frames import make_ubx_frame as frame_by_hand
+from tests.logs.test_ubx import RAWX, list_fields
 
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.orbits import compute_satellite_state
@@ -42,7 +42,7 @@ def scene():
     return observations[0], navigation
 
 
-def drawn(n_epochs: int = 6) -> Observations:
+def draw_signals(n_epochs: int = 6) -> Observations:
     """Return numbers drawn for signals of every system, with gaps and slips."""
     rng = np.random.default_rng(4)
     shape = n_epochs, len(SIGNALS)
@@ -74,7 +74,7 @@ def drawn(n_epochs: int = 6) -> Observations:
 
 
 def test_what_is_written_is_read() -> None:
-    o = drawn()
+    o = draw_signals()
     (piece,) = read_log([b"".join(ubx_log(o))], "rx")
     read = piece.observations
     assert read.signals == SIGNALS
@@ -95,12 +95,12 @@ def test_what_is_written_is_read() -> None:
 
 
 def test_pyubx2_reads_the_same() -> None:
-    o = drawn(2)
+    o = draw_signals(2)
     parsed = [message for _, message in UBXReader(io.BytesIO(b"".join(ubx_log(o))))]
     assert [message.identity for message in parsed] == ["RXM-RAWX"] * 2
     present = np.isfinite(o.pseudorange_m[0]) | np.isfinite(o.carrier_cyc[0])
-    assert fields(parsed[0], "prMes") == np.nan_to_num(o.pseudorange_m[0][present]).tolist()
-    assert fields(parsed[0], "cpMes") == np.nan_to_num(o.carrier_cyc[0][present]).tolist()
+    assert list_fields(parsed[0], "prMes") == np.nan_to_num(o.pseudorange_m[0][present]).tolist()
+    assert list_fields(parsed[0], "cpMes") == np.nan_to_num(o.carrier_cyc[0][present]).tolist()
     assert (parsed[0].week, parsed[0].rcvTow, parsed[0].leapS) == (2300, 604_798.0, 18)
 
 
@@ -160,7 +160,7 @@ def test_two_signals_of_a_transmission_are_refused(scene) -> None:
 
 
 def test_the_strongest_copy_is_followed() -> None:
-    o = drawn(4)
+    o = draw_signals(4)
     copies = (SignalId("G05"), SignalId("G05", copy="b"), SignalId("G07"))
     levels = np.array([[40.0, 30.0, 45.0], [40.0, np.nan, 45.0], [40.0, 44.0, 45.0], [41.0, 39.0, 45.0]])
     code_m = np.where(np.isfinite(levels), 2e7 + np.arange(12.0).reshape(4, 3), np.nan)

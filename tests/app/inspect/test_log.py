@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.logs.frames import ubx_frame
-from tests.logs.test_nmea import gga
-from tests.logs.test_ubx import rawx
+from tests.logs.frames import make_ubx_frame
+from tests.logs.test_nmea import make_gga
+from tests.logs.test_ubx import make_rawx
 
 from skyproof.app.init.run import init
 from skyproof.app.inspect.inspection import write_document_json
@@ -24,7 +24,7 @@ def make_cell(sv: int) -> tuple:
 
 
 def make_log(*further: bytes, epochs: int = 90, step_s: float = 1.0) -> bytes:
-    epoch = [rawx(100.0 + step_s * k, WEEK, [make_cell(sv) for sv in range(1, 7 - k % 2)]) for k in range(epochs)]
+    epoch = [make_rawx(100.0 + step_s * k, WEEK, [make_cell(sv) for sv in range(1, 7 - k % 2)]) for k in range(epochs)]
     return b"".join([*epoch, *further])
 
 
@@ -62,12 +62,12 @@ def test_damage_is_counted(tmp_path) -> None:
 
 
 def test_gaps_are_intervals_longer_than_two(tmp_path) -> None:
-    late = b"".join(rawx(300.0 + k, WEEK, [make_cell(5)]) for k in range(5))
+    late = b"".join(make_rawx(300.0 + k, WEEK, [make_cell(5)]) for k in range(5))
     assert look(write_content(tmp_path, make_log(late))).gaps == 1
 
 
 def test_a_log_without_measurements_says_how_to_get_them(tmp_path) -> None:
-    path = write_content(tmp_path, ubx_frame(0x27, 0x09, bytes([2, 0b0011_1011, 0, 0])) * 4)
+    path = write_content(tmp_path, make_ubx_frame(0x27, 0x09, bytes([2, 0b0011_1011, 0, 0])) * 4)
     log = look(path)
     assert log.epochs == 0
     assert "CFG-MSGOUT-UBX_RXM_RAWX_USB = 1" in log.configuration[0]
@@ -76,7 +76,7 @@ def test_a_log_without_measurements_says_how_to_get_them(tmp_path) -> None:
 
 
 def test_sentences_alone_are_taken_for_their_fixes(tmp_path) -> None:
-    found = look(write_content(tmp_path, b"".join(gga(f"1200{k:02d}.00") for k in range(30)), "a.nmea"))
+    found = look(write_content(tmp_path, b"".join(make_gga(f"1200{k:02d}.00") for k in range(30)), "a.nmea"))
     assert (found.epochs, found.fixes, found.ranged) == (30, 30, False)
     assert "ranges" in found.advice
     assert "--nav" not in found.advice

@@ -89,11 +89,11 @@ class Heard:
     def __init__(self):
         self.told = []
 
-    def learn(self, shown):
+    def learned(self, shown):
         self.told += [("learned", item.gpst) for item in shown.each]
         return self
 
-    def follow(self, shown):
+    def followed(self, shown):
         self.told += [("followed", item.gpst) for item in shown.each]
         return self
 

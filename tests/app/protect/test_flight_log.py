@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from tests.logs.drone import BOOT_US, px4_flight, utc_us
-from tests.logs.test_autopilots import START, boot_us, gps_row
+from tests.logs.drone import BOOT_US, convert_utc_us, make_px4_flight
+from tests.logs.test_autopilots import START, find_boot_us, make_gps_row
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import protect
@@ -79,7 +79,7 @@ def flight() -> Flight:
             BOOT_US + round(1e6 * (float(o.elapsed_s[k] - o.elapsed_s[0]) + LATE_S)),
             octets,
             words
-            | {"time_utc_usec": utc_us(o.gpst[k]), "latitude_deg": np.degrees(lat[k])}
+            | {"time_utc_usec": convert_utc_us(o.gpst[k]), "latitude_deg": np.degrees(lat[k])}
             | {"longitude_deg": np.degrees(lon[k]), "altitude_ellipsoid_m": height[k]},
         )
         for k, octets in enumerate(ubx_log(o, navigation))
@@ -87,7 +87,7 @@ def flight() -> Flight:
     readings = simulate_imus(scene)["drone"].read(0, round(100.0 * END_S))
     boot_us = BOOT_US + np.rint((readings.gpst - start) / np.timedelta64(1, "us")).astype(np.int64)
     rows = zip(boot_us.tolist(), readings.angular_rate_rad_s, readings.specific_force_m_s2, strict=True)
-    log = px4_flight(epochs, [(t, rate.tolist(), force.tolist()) for t, rate, force in rows])
+    log = make_px4_flight(epochs, [(t, rate.tolist(), force.tolist()) for t, rate, force in rows])
     return Flight(log, start, navigation)
 
 
@@ -151,8 +151,8 @@ def test_a_platform_file_describes_the_unit_of_the_log(flight, tmp_path) -> None
 
 def test_a_unit_without_readings_is_refused(flight, tmp_path) -> None:
     path, platform = tmp_path / "flight.ulg", tmp_path / "platform.toml"
-    rows = [gps_row(k) for k in range(20)]
-    path.write_bytes(px4_flight([(boot_us(k), b"", row) for k, row in enumerate(rows)], []))
+    rows = [make_gps_row(k) for k in range(20)]
+    path.write_bytes(make_px4_flight([(find_boot_us(k), b"", row) for k, row in enumerate(rows)], []))
     platform.write_text('[imu]\ngrade = "consumer"\n')
     with pytest.raises(SettingsError, match=r"imu\.file"):
         protect([path], platform=platform)
@@ -160,9 +160,9 @@ def test_a_unit_without_readings_is_refused(flight, tmp_path) -> None:
 
 @pytest.mark.parametrize(("far_deg", "word"), [(0.0, "no_attack_seen"), (0.05, "suspect")])
 def test_a_log_of_fixes_alone_shows_jumps_of_its_place(far_deg, word, tmp_path) -> None:
-    rows = [gps_row(k, latitude_deg=47.5 + 1e-5 * k + far_deg * (k > 30)) for k in range(60)]
+    rows = [make_gps_row(k, latitude_deg=47.5 + 1e-5 * k + far_deg * (k > 30)) for k in range(60)]
     path = tmp_path / "flight.ulg"
-    path.write_bytes(px4_flight([(boot_us(k), b"", row) for k, row in enumerate(rows)], []))
+    path.write_bytes(make_px4_flight([(find_boot_us(k), b"", row) for k, row in enumerate(rows)], []))
     verdict = protect([path]).verdict
     assert verdict.verdict == word
     if word == "suspect":

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.gnss.later import hours_later
+from tests.gnss.later import extrapolate_hours
 
 from skyproof.app.common.rinex import write_channels
 from skyproof.app.protect import protect
@@ -67,7 +67,7 @@ def scene_log(tmp_path_factory):
 def protect_with_old_file(log_of_a_scene, folder, hours: float, late_s: float = 0.0):
     """Run the command with a navigation file of so many hours before, whose clocks are late by so much."""
     path, navigation = log_of_a_scene
-    before = [hours_later(replace(e, af0=e.af0 + late_s), -hours) for e in navigation.ephemerides]
+    before = [extrapolate_hours(replace(e, af0=e.af0 + late_s), -hours) for e in navigation.ephemerides]
     write_nav(folder / "nav.rnx", NavigationData(ephemerides=tuple(before)))
     return protect([path], nav=folder / "nav.rnx")
 

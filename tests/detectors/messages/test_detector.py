@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.gnss.later import hours_later
+from tests.gnss.later import extrapolate_hours
 
 from skyproof.detectors.messages.detector import BroadcastMessages, BroadcastMessagesSettings
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -147,7 +147,7 @@ def test_satellites_below_the_horizon_are_odd() -> None:
 
 def use_old_file(records: Records, hours: float = 24.0) -> Records:
     """Return the window with the navigation file of so many hours before."""
-    before = tuple(hours_later(e, -hours) for e in records.navigation.ephemerides)
+    before = tuple(extrapolate_hours(e, -hours) for e in records.navigation.ephemerides)
     return replace(records, navigation=replace(records.navigation, ephemerides=before))
 
 
@@ -209,7 +209,7 @@ def test_a_systems_majority_counts_beyond_the_table() -> None:
 def test_a_risen_satellite_is_checked_against_its_own_past() -> None:
     # Without a file, when the orbits are those of the log itself.
     records = clean()
-    again = tuple(hours_later(e, 7.0) for e in send(records, 9))
+    again = tuple(extrapolate_hours(e, 7.0) for e in send(records, 9))
     moved = tuple(replace(e, af0=make_late(e)) for e in again)
     for sets, failed in ((again, False), (moved, True)):
         of_log = replace(records, navigation=replace(records.navigation, ephemerides=(*send(records, 9), *sets)))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
-from tests.gnss.later import hours_later
+from tests.gnss.later import extrapolate_hours
 
 from skyproof.detectors.messages.last_day import (
     clock_sigma_m,
@@ -28,7 +28,7 @@ EARTH_M, J2 = 6.378137e6, 1.0826e-3
 
 
 def shift_time(hours: float):
-    return hours_later(SENT, hours)
+    return extrapolate_hours(SENT, hours)
 
 
 def pull_m_s2(t_s: float, state: np.ndarray, moon_rad: float) -> np.ndarray:

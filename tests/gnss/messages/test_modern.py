@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.logs.frames import rtcm3_frame
-from tests.logs.test_orbits import put
+from tests.logs.frames import make_rtcm3_frame
+from tests.logs.test_orbits import encode_value
 
 from skyproof.gnss.constants import GPS_PI
 from skyproof.gnss.ephemeris import group_delay_s
@@ -22,7 +22,7 @@ VALUES |= {"week_mod_8192": SENT.week, "delta_a": SENT.sqrt_a**2 - 26_559_710.0,
 STEP_S = 2.0**-35
 
 
-def sealed(frame: int, n_bits: int) -> int:
+def seal(frame: int, n_bits: int) -> int:
     """Return a frame with its checksum, as the frames of RTCM 3 have it, a bit at a time."""
     value = 0
     for k in range(n_bits - 1, 23, -1):
@@ -30,14 +30,14 @@ def sealed(frame: int, n_bits: int) -> int:
     return frame | value & 0xFFFFFF
 
 
-def cnav(kind: int, tow_s: float, prn: int = 4, **more: float) -> int:
+def make_cnav(kind: int, tow_s: float, prn: int = 4, **more: float) -> int:
     frame = 0b10001011 << 292 | prn << 286 | kind << 280 | int(tow_s / 6) << 263
     for field in modern._CNAV[kind]:
-        frame |= put(field, (VALUES | more).get(field.name, 0), 300)
-    return sealed(frame, 300)
+        frame |= encode_value(field, (VALUES | more).get(field.name, 0), 300)
+    return seal(frame, 300)
 
 
-def cnav_of(*frames: int) -> dict:
+def list_cnav(*frames: int) -> dict:
     return dict(modern.cnav_message(frame) for frame in frames)
 
 
@@ -46,13 +46,13 @@ DELAYS = {"tgd_steps": -300, "l1ca_steps": 20, "l2c_steps": -4096, "l5i_steps": 
 
 
 def test_the_checksum_is_that_of_other_frames_with_it() -> None:
-    frame = rtcm3_frame(b"anything")
+    frame = make_rtcm3_frame(b"anything")
     body = frame[:-3]
     assert compute_crc_24q(int.from_bytes(body, "big"), 8 * len(body)) == int.from_bytes(frame[-3:], "big")
 
 
 def test_cnav_messages_give_the_orbit_that_was_put() -> None:
-    messages = cnav_of(cnav(10, TOW_S), cnav(11, TOW_S + 12), cnav(30, TOW_S + 24, **DELAYS))
+    messages = list_cnav(make_cnav(10, TOW_S), make_cnav(11, TOW_S + 12), make_cnav(30, TOW_S + 24, **DELAYS))
     made = modern.cnav_ephemeris(messages, "G04", SENT.week + 9)
     assert (made.sat, made.week, made.toe, made.toc_week, made.message) == (
         "G04",
@@ -76,24 +76,26 @@ def test_cnav_messages_give_the_orbit_that_was_put() -> None:
     "changes", [{"toe": SENT.toe - 300.0}, {"toc": SENT.toe - 300.0}, {"prn": 5}, {"delta_a": -60_000.0, "e": 0.4}]
 )
 def test_parts_of_different_data_make_no_orbit(changes) -> None:
-    good = cnav_of(cnav(10, TOW_S), cnav(11, TOW_S + 12), cnav(30, TOW_S + 24))
+    good = list_cnav(make_cnav(10, TOW_S), make_cnav(11, TOW_S + 12), make_cnav(30, TOW_S + 24))
     assert modern.cnav_ephemeris(good, "G04", SENT.week) is not None
     kind = 30 if "toc" in changes else 10
-    bad = good | cnav_of(cnav(kind, TOW_S, **changes))
+    bad = good | list_cnav(make_cnav(kind, TOW_S, **changes))
     assert modern.cnav_ephemeris(bad, "G04", SENT.week) is None
 
 
 def test_damage_and_missing_messages_give_none() -> None:
-    good = cnav(10, TOW_S)
+    good = make_cnav(10, TOW_S)
     assert modern.cnav_message(good ^ 1 << 100) is None
     assert modern.cnav_message(good ^ 1 << 299) is None
-    assert modern.cnav_ephemeris(cnav_of(good, cnav(11, TOW_S)), "G04", SENT.week) is None
+    assert modern.cnav_ephemeris(list_cnav(good, make_cnav(11, TOW_S)), "G04", SENT.week) is None
     assert modern.bcnav2_message(1 << 280) is None
     assert modern.bcnav1_subframe(1 << 580) is None
 
 
 def test_an_axis_and_motion_that_change_move_the_satellite() -> None:
-    plain = modern.cnav_ephemeris(cnav_of(cnav(10, TOW_S), cnav(11, TOW_S), cnav(30, TOW_S)), "G04", SENT.week)
+    plain = modern.cnav_ephemeris(
+        list_cnav(make_cnav(10, TOW_S), make_cnav(11, TOW_S), make_cnav(30, TOW_S)), "G04", SENT.week
+    )
     still = replace(plain, a_dot=0.0, delta_n_dot=0.0)
     at = plain.reference_gpst + np.timedelta64(3600, "s")
     apart_m = np.linalg.norm(
@@ -124,29 +126,29 @@ BDS = VALUES | {
 }
 
 
-def bcnav2(number: int, sow_s: float, **more: float) -> int:
+def make_bcnav2(number: int, sow_s: float, **more: float) -> int:
     frame = 27 << 282 | number << 276 | int(sow_s / 3) << 258
     for field in modern._BCNAV2[number]:
-        frame |= put(field, (BDS | more).get(field.name, 0), 288)
-    return sealed(frame, 288)
+        frame |= encode_value(field, (BDS | more).get(field.name, 0), 288)
+    return seal(frame, 288)
 
 
-def bcnav1(**more: float) -> int:
+def make_bcnav1(**more: float) -> int:
     frame = 0
     for field in modern._BCNAV1:
-        frame |= put(field, (BDS | more).get(field.name, 0), 600)
-    return sealed(frame, 600)
+        frame |= encode_value(field, (BDS | more).get(field.name, 0), 600)
+    return seal(frame, 600)
 
 
-def bcnav2_of(*frames: int) -> dict:
+def list_bcnav2(*frames: int) -> dict:
     return dict(modern.bcnav2_message(frame) for frame in frames)
 
 
 def test_both_messages_of_beidou_give_the_orbit_that_was_put() -> None:
     sow_s = SENT.toe - 1800.0
-    parts = bcnav2_of(bcnav2(10, sow_s), bcnav2(11, sow_s + 3), bcnav2(30, sow_s + 6))
+    parts = list_bcnav2(make_bcnav2(10, sow_s), make_bcnav2(11, sow_s + 3), make_bcnav2(30, sow_s + 6))
     second = modern.bcnav2_ephemeris(parts, "C27", SENT.week)
-    first = modern.bcnav1_ephemeris(dict([modern.bcnav1_subframe(bcnav1())]), "C27", SENT.week)
+    first = modern.bcnav1_ephemeris(dict([modern.bcnav1_subframe(make_bcnav1())]), "C27", SENT.week)
     for made in (first, second):
         assert (made.week, made.toe, made.iode, made.iodc) == (SENT.week, SENT.toe, 37, 549)
         assert made.sqrt_a**2 == pytest.approx(27_906_100.0 - 1500.0, abs=0.01)
@@ -164,12 +166,12 @@ def test_both_messages_of_beidou_give_the_orbit_that_was_put() -> None:
 )
 def test_parts_of_beidou_that_do_not_belong_make_none(number, at_s, changes) -> None:
     sow_s = SENT.toe - 1800.0
-    parts = bcnav2_of(bcnav2(10, sow_s), bcnav2(11, sow_s + 3), bcnav2(30, sow_s + 6))
-    parts |= bcnav2_of(bcnav2(number, sow_s + at_s, **changes))
+    parts = list_bcnav2(make_bcnav2(10, sow_s), make_bcnav2(11, sow_s + 3), make_bcnav2(30, sow_s + 6))
+    parts |= list_bcnav2(make_bcnav2(number, sow_s + at_s, **changes))
     assert modern.bcnav2_ephemeris(parts, "C27", SENT.week) is None
 
 
 def test_an_inclined_orbit_counts_from_its_own_axis() -> None:
-    made = modern.bcnav1_ephemeris(dict([modern.bcnav1_subframe(bcnav1(kind=2))]), "C38", SENT.week)
+    made = modern.bcnav1_ephemeris(dict([modern.bcnav1_subframe(make_bcnav1(kind=2))]), "C38", SENT.week)
     assert made.sqrt_a**2 == pytest.approx(42_162_200.0 - 1500.0, abs=0.01)
-    assert modern.bcnav1_ephemeris(dict([modern.bcnav1_subframe(bcnav1(kind=2))]), "C59", SENT.week) is None
+    assert modern.bcnav1_ephemeris(dict([modern.bcnav1_subframe(make_bcnav1(kind=2))]), "C59", SENT.week) is None

@@ -5,8 +5,8 @@ import io
 import numpy as np
 import pytest
 from pyrtcm import RTCMReader
-from tests.logs.frames import rtcm3_frame
-from tests.logs.test_orbits import put
+from tests.logs.frames import make_rtcm3_frame
+from tests.logs.test_orbits import encode_value
 
 from skyproof.gnss.constants import GPS_PI
 from skyproof.gnss.ephemeris import Ephemeris
@@ -74,17 +74,17 @@ def test_made_orbits_are_those_of_pyrtcm(number) -> None:
         content[:3] = (number << 12 | 5 << 6 | 9).to_bytes(3, "big")
         if number == 1044:
             content[:3] = (number << 12 | 5 << 8 | 99).to_bytes(3, "big")
-        ((_, message),) = RTCMReader(io.BytesIO(rtcm3_frame(bytes(content))), quitonerror=2)
+        ((_, message),) = RTCMReader(io.BytesIO(make_rtcm3_frame(bytes(content))), quitonerror=2)
         assert_same(message, bytes(content))
 
 
-def sent_as(number: int, e: Ephemeris, more: dict[str, float]) -> bytes:
+def encode(number: int, e: Ephemeris, more: dict[str, float]) -> bytes:
     """Return the content of a message that carries an orbit."""
     last = _FIELDS[number][-1].runs[0]
     n_bits = -(-(last[0] + last[1]) // 8) * 8
     frame = number << (n_bits - 12)
     for field in _FIELDS[number]:
-        frame |= put(field, more.get(field.name, getattr(e, field.name, 0)), n_bits)
+        frame |= encode_value(field, more.get(field.name, getattr(e, field.name, 0)), n_bits)
     return frame.to_bytes(n_bits // 8, "big")
 
 
@@ -93,7 +93,7 @@ def test_a_relayed_orbit_is_where_the_satellite_is(number, week_0, modulus) -> N
     e = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[3]
     galileo = number != 1019
     sent = {"sv": 4, "week": (e.week - week_0) % modulus, "sqrt_a": 5440.6 if galileo else e.sqrt_a}
-    orbit = read_relayed_orbit(sent_as(number, e, sent), e.week + 3)
+    orbit = read_relayed_orbit(encode(number, e, sent), e.week + 3)
     assert (orbit.sat, orbit.week) == ("E04" if galileo else "G04", e.week)
     assert orbit.toe_s == e.toe
     made = orbit.ephemeris(e.reference_gpst - np.timedelta64(1800, "s"))
@@ -107,7 +107,7 @@ def test_a_relayed_orbit_is_where_the_satellite_is(number, week_0, modulus) -> N
 
 def test_a_relayed_orbit_of_the_next_week_is_of_it() -> None:
     e = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[3]
-    content = sent_as(1019, e, {"sv": 4, "week": 100, "toe": 0.0, "toc": 0.0})
+    content = encode(1019, e, {"sv": 4, "week": 100, "toe": 0.0, "toc": 0.0})
     orbit = read_relayed_orbit(content, 2148)
     saturday = np.datetime64("2021-03-13T23:30:00", "ns")  # of week 2148
     assert orbit.week == 2148
@@ -118,10 +118,10 @@ def test_beidou_and_qzss_keep_their_own_seconds() -> None:
     e = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[3]
     more = {"sv": 2, "week": 834, "toe": 3600.0, "toc": 3600.0, "sqrt_a": 6493.4, "i0": 0.05, "omega_dot": -2e-9}
     at = np.datetime64("2022-01-02T00:40:00", "ns")  # week 2191; 1356 + 834 is the one before
-    made = read_relayed_orbit(sent_as(1042, e, more), 2190).ephemeris(at)
+    made = read_relayed_orbit(encode(1042, e, more), 2190).ephemeris(at)
     assert (made.sat, made.week, made.toe, made.message) == ("C02", 2191, 3600.0, "D2")
     more = {"sv": 3, "week": 2190 % 1024, "sqrt_a": 6493.4, "i0": 0.7, "e": 0.07}
-    made = read_relayed_orbit(sent_as(1044, e, more), 2190).ephemeris(e.reference_gpst)
+    made = read_relayed_orbit(encode(1044, e, more), 2190).ephemeris(e.reference_gpst)
     assert (made.sat, made.week, made.message) == ("J03", e.week, "LNAV")
 
 
@@ -129,17 +129,17 @@ def test_galileo_health_is_packed_as_rinex_has_it() -> None:
     e = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[3]
     more = {"sv": 4, "week": 1166, "sqrt_a": 5440.6, "e1_invalid": 1, "e1_health": 2, "e5b_health": 1, "e5a_health": 3}
     at = e.reference_gpst
-    assert read_relayed_orbit(sent_as(1046, e, more), 2190).ephemeris(at).health == 0b010_000_101
-    assert read_relayed_orbit(sent_as(1045, e, more), 2190).ephemeris(at).health == 0b110_000
+    assert read_relayed_orbit(encode(1046, e, more), 2190).ephemeris(at).health == 0b010_000_101
+    assert read_relayed_orbit(encode(1045, e, more), 2190).ephemeris(at).health == 0b110_000
 
 
 def test_short_messages_and_orbits_nobody_flies_are_none() -> None:
     e = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[3]
-    content = sent_as(1019, e, {"sv": 4, "week": 142})
+    content = encode(1019, e, {"sv": 4, "week": 142})
     assert read_relayed_orbit(content[:-1], 2190) is None
     assert read_relayed_orbit(b"", 2190) is None
-    assert read_relayed_orbit(sent_as(1019, e, {"sv": 0, "week": 142}), 2190) is None
+    assert read_relayed_orbit(encode(1019, e, {"sv": 0, "week": 142}), 2190) is None
     assert (
-        read_relayed_orbit(sent_as(1019, e, {"sv": 4, "week": 142, "sqrt_a": 10.0}), 2190).ephemeris(e.reference_gpst)
+        read_relayed_orbit(encode(1019, e, {"sv": 4, "week": 142, "sqrt_a": 10.0}), 2190).ephemeris(e.reference_gpst)
         is None
     )
