@@ -155,7 +155,9 @@ def test_without_a_place_the_covariance_holds_the_true_one(offsets, where):
     # The body is at one of the places that signals show: there its attitude is as far off as the sigma allows.
     places = [shift_place(*offset) for offset in offsets]
     true = places[where % len(places)]
-    state, _ = find_state(make_body(make_platform(attitude=state_attitude())), make_window(0.0, 10.0, *places), Carried())
+    state, _ = find_state(
+        make_body(make_platform(attitude=state_attitude())), make_window(0.0, 10.0, *places), Carried()
+    )
     assert np.isinf(state.covariance[:, range(6), range(6)]).all()
     satellite = true + 2.2e7 * true / np.linalg.norm(true) + 1e7 * TO_ENU[0]
     directions = [
@@ -206,7 +208,9 @@ def test_what_lies_between_rows_is_in_the_sigma():
     between = np.radians(3.0) * np.sin(0.8 * (time_s[:-1] + 0.25)) - 0.5 * (swing[1:] + swing[:-1])
     assert np.sqrt(np.mean(between**2)) < sigma < 6.0 * np.sqrt(np.mean(between**2))
     assert (
-        estimate_interpolation_sigma_rad(Attitude(gpst=shift_time([0.0, 1.0]), angles_rad=np.zeros((2, 3)), sigma_rad=0.0))
+        estimate_interpolation_sigma_rad(
+            Attitude(gpst=shift_time([0.0, 1.0]), angles_rad=np.zeros((2, 3)), sigma_rad=0.0)
+        )
         == 0.0
     )
 
@@ -219,7 +223,9 @@ ROUND = make_circle(HOME, 300.0, 30.0)
 
 @lru_cache
 def make_readings(motion, duration_s, grade):
-    unit = simulate_inertial(motion.at, rate_hz=50.0, duration_s=duration_s, grade=grade, zero_gpst=shift_time(-2.0), seed=3)
+    unit = simulate_inertial(
+        motion.at, rate_hz=50.0, duration_s=duration_s, grade=grade, zero_gpst=shift_time(-2.0), seed=3
+    )
     return unit.read(0, unit.n_samples)
 
 
@@ -281,7 +287,9 @@ def test_readings_on_a_disk_give_the_same_states(tmp_path, monkeypatch, each):
     assert isinstance(stored.imu, StoredImuFile)
     names = ("one",)
     held, read = (body_of(carrier, item, names, match_tables(carrier, names), START, 300.0) for item in (files, stored))
-    for in_memory, from_disk in zip(*(carry_through(item, [0.0, 10.0, 30.0], HOME)[0] for item in (held, read)), strict=True):
+    for in_memory, from_disk in zip(
+        *(carry_through(item, [0.0, 10.0, 30.0], HOME)[0] for item in (held, read)), strict=True
+    ):
         np.testing.assert_array_equal(from_disk.attitude, in_memory.attitude)
         np.testing.assert_array_equal(from_disk.covariance, in_memory.covariance)
 
