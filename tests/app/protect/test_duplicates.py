@@ -157,9 +157,9 @@ def test_a_jammer_that_two_antennas_hear_does_not_make_them_one():
 # ---------------------------------------------------------------------- snapshots
 
 
-def snapshot_of(wave, name, like):
-    """The reception of some milliseconds, without orbits."""
-    planes = planes_of(wave)
+def make_snapshot(wave, name, like):
+    """Observe some milliseconds without orbits."""
+    planes = quantize_planes(wave)
     samples = replace(
         like,
         name=name,
@@ -172,7 +172,7 @@ def snapshot_of(wave, name, like):
 
 @pytest.mark.parametrize("together", [True, False])
 def test_snapshots_behind_a_splitter_are_one_receiver(together):
-    scenario = kit.scenario_of(duration_s=0.045, front_end=FrontEnd(encoding="float", bits=32))
+    scenario = kit.make_scenario(duration_s=0.045, front_end=FrontEnd(encoding="float", bits=32))
     first, second = render_samples(scenario, make_nominal_constellation(scenario.start_gpst))
     rng = np.random.default_rng(4)
     waves = []
@@ -181,7 +181,7 @@ def test_snapshots_behind_a_splitter_are_one_receiver(together):
         wave = planes[0] + 1j * planes[1]
         level = np.sqrt(np.mean(np.abs(wave) ** 2))
         waves.append(wave + level * (rng.normal(size=wave.size) + 1j * rng.normal(size=wave.size)))
-    heard = [snapshot_of(wave, name, first) for wave, name in zip(waves, ("left", "right"), strict=True)]
+    heard = [make_snapshot(wave, name, first) for wave, name in zip(waves, ("left", "right"), strict=True)]
     assert all(reception.n_signals >= 4 for reception in heard)
     taken = leave_out_duplicates(heard, Settings())
     assert sum(reception.same_as is not None for reception in taken) == together
