@@ -2,6 +2,7 @@
 
 import time
 from collections import Counter
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.records import SignalRef
+from skyproof.simulator.attacks import Interference
 from skyproof.simulator.measurements import NoiseModel, draw, draw_noise, make_ideal_measurements, simulate_observations
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import Scenario
@@ -113,6 +115,25 @@ def test_stated_sigmas_follow_the_carrier_to_noise_density(scene: Scene) -> None
     there = observed.status == 0
     expected_m = 0.4 * 10.0 ** ((45.0 - observed.cn0_dbhz[there]) / 20.0)
     np.testing.assert_allclose(observed.pseudorange_sigma_m[there], expected_m)
+
+
+@pytest.mark.parametrize("kind", ["noise", "cw"])
+def test_interference_is_noise_to_every_signal(
+    kind: Literal["noise", "cw"], scenario: Scenario, navigation: NavigationData
+) -> None:
+    # A line in the middle of the band is spread over the width of the chips' spectrum.
+    over = 10.0**1.3 * (1.0 if kind == "noise" else scenario.front_end.band_hz / 1.023e6)
+    transmit = scenario.receivers[0].model_dump(include={"lat_deg", "lon_deg"}) | {"height_m": 500.0}
+    jammer = Interference(kind=kind, transmit=transmit, power_db=13.0, onset_s=10.0, until_s=20.0)
+    jammed = scenario.model_copy(update={"duration_s": 30.0, "interference": (jammer,)})
+    with_it, without = (
+        make_ideal_measurements(make_scene(s, navigation))[0]
+        for s in (jammed, jammed.model_copy(update={"interference": ()}))
+    )
+    fell_db = without.cn0_dbhz - with_it.cn0_dbhz
+    inside = (with_it.elapsed_s > 11.0) & (with_it.elapsed_s < 19.0)
+    np.testing.assert_allclose(fell_db[inside][:, 0], 10.0 * np.log10(1.0 + over), atol=1e-6)
+    assert not fell_db[(with_it.elapsed_s < 9.0) | (with_it.elapsed_s > 21.0)][:, 0].any()
 
 
 def test_shuffled_letters_say_nothing(scene: Scene) -> None:

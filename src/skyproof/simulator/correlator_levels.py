@@ -9,7 +9,7 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.simulator.correlation import Correlation
 from skyproof.simulator.correlator_coupling import StraightSpans, WaveEdges
-from skyproof.simulator.received import AddedNoise, Jammer, ReceiverSky
+from skyproof.simulator.received import ReceiverSky
 from skyproof.simulator.recorder import compute_recorded
 from skyproof.simulator.scenario import FrontEnd
 
@@ -36,40 +36,25 @@ def compute_levels(
     channel_sats: Sequence[str],
 ) -> CorrelatorLevels:
     at_s, signal = spans.middle_true_s, sky.signal
-    band_hz = front_end.rate_hz * (0.5 if front_end.kind == "real" else 1.0)
-    power = 10.0 ** (sky.cn0_dbhz(at_s)[:, rows.of] / 10.0) / band_hz  # over the noise's
+    power = 10.0 ** (sky.cn0_dbhz(at_s)[:, rows.of] / 10.0) / front_end.band_hz  # over the noise's
     power *= np.array([1.0] * len(sky.signals) + [ray.amplitude**2 for ray in sky.rays])
     begin_s, end_s = rows.windows_s[..., 0], rows.windows_s[..., 1]
     now = ((begin_s <= at_s[:, np.newaxis, np.newaxis]) & (at_s[:, np.newaxis, np.newaxis] <= end_s)).any(axis=2)
     of_signals = np.where(now, power, 0.0)
-    added = np.sum([_compute_power(noise, at_s) for noise in sky.noises], axis=0) + np.zeros(at_s.size)
-    lines = np.reshape([_compute_power(jammer, at_s) for jammer in sky.jammers], (-1, at_s.size))
-    total = 1.0 + added + of_signals.sum(axis=1) + lines.sum(axis=0)
+    lines = np.zeros(at_s.size) + sum(jammer.power_at(at_s) for jammer in sky.jammers)
+    total = sky.noise_power(at_s) + of_signals.sum(axis=1) + lines
     gain, variance = compute_recorded(front_end, total) if quantised else (np.ones(at_s.size), total)
 
     # what is white, then what only the replica's spectrum lets through
-    white = variance - gain**2 * (of_signals.sum(axis=1) + lines.sum(axis=0))
-    shares = np.array([_compute_share(jammer, signal.chip_rate_hz) for jammer in sky.jammers])
-    coloured = shares @ lines * band_hz / signal.chip_rate_hz
-    noise = (white + gain**2 * coloured)[:, np.newaxis] * np.ones(len(channel_sats))
+    white = variance - gain**2 * (of_signals.sum(axis=1) + lines)
+    noise = (white + gain**2 * sky.line_power(at_s, front_end.band_hz))[:, np.newaxis] * np.ones(len(channel_sats))
     if others == "noise":
         near = np.abs(np.fft.fftfreq(tables.signal.shape[1], 1.0 / (signal.code_length))) < 2.0
         through = np.sum(tables.signal[:, near] ** 2, axis=1).mean() / tables.points  # 2/3 for chips
         other = np.array(rows.sats)[:, np.newaxis] != np.array(channel_sats)
-        noise += gain[:, np.newaxis] ** 2 * (of_signals @ other) * through * band_hz / signal.chip_rate_hz
+        noise += gain[:, np.newaxis] ** 2 * (of_signals @ other) * through * front_end.band_hz / signal.chip_rate_hz
     real = front_end.kind == "real"  # half of a real signal's amplitude, and of the noise's power, meets the replica
     return CorrelatorLevels(
         amplitude=gain[:, np.newaxis] * np.sqrt((0.5 if real else 2.0) * power),
         sigma=np.sqrt((0.5 if real else 1.0) * noise / (front_end.rate_hz * coherent_s)),
     )
-
-
-def _compute_power(source: AddedNoise | Jammer, at_s: Reals) -> Reals:
-    return np.asarray(np.where((source.from_s <= at_s) & (at_s <= source.until_s), source.power(at_s), 0.0))
-
-
-def _compute_share(jammer: Jammer, chip_rate_hz: float) -> float:
-    """Return the share of a line's power that chips' spectrum passes, 1 in its middle; the mean over a chirp."""
-    sweep_hz = jammer.source.sweep_hz if jammer.source.kind == "chirp" else 0.0
-    offsets_hz = jammer.source.offset_hz + sweep_hz * (np.arange(200) / 199.0 - 0.5)
-    return float(np.mean(np.sinc(offsets_hz / chip_rate_hz) ** 2))

@@ -207,7 +207,9 @@ def _make_geometry(scene: Scene, index: int, interval_s: float, pulled: bool) ->
     hidden = np.where(present, 0.0, np.nan)
     carrier_cyc = carrier_hz * (clock_s + carrier_s) + hidden
     pseudorange_m = SPEED_OF_LIGHT_M_S * (clock_s + code_s) + hidden
-    doppler_hz, cn0_dbhz = -carrier_hz * drift + hidden, sky.cn0_dbhz(true_s[1]) + hidden
+    noise = sky.noise_power(true_s[1]) + sky.line_power(true_s[1], scene.scenario.front_end.band_hz)
+    doppler_hz = -carrier_hz * drift + hidden
+    cn0_dbhz = sky.cn0_dbhz(true_s[1]) - 10.0 * np.log10(noise)[:, np.newaxis] + hidden
     if pulled:
         pull = compute_pull(scene, index, elapsed_s, averaged_s=interval_s)
         pseudorange_m += pull.code_m

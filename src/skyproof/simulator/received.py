@@ -90,16 +90,23 @@ class AddedNoise:
     from_s: float
     until_s: float
 
+    def power_at(self, true_s: Reals) -> Reals:
+        """Compute the power at times (n,), zero while it is not there."""
+        return np.where((self.from_s <= true_s) & (true_s <= self.until_s), self.power(true_s), 0.0)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Jammer:
+class Jammer(AddedNoise):
     """A line or a chirp at an antenna: its power over the receiver's noise in the band, its delay, when it is there."""
 
     source: Interference
-    power: Callable[[Reals], Reals]
     delay_s: Callable[[Reals], Reals]
-    from_s: float
-    until_s: float
+
+    def share_through(self, chip_rate_hz: float) -> float:
+        """Compute the share of the power that chips' spectrum passes, 1 in its middle; the mean over a chirp."""
+        sweep_hz = self.source.sweep_hz if self.source.kind == "chirp" else 0.0
+        offsets_hz = self.source.offset_hz + sweep_hz * (np.arange(200) / 199.0 - 0.5)
+        return float(np.mean(np.sinc(offsets_hz / chip_rate_hz) ** 2))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -157,6 +164,19 @@ class ReceiverSky:
         """Compute the growth of the carriers' delays, s/s, by differences: (...) to (..., n_signals)."""
         at_s = np.asarray(true_s, np.float64)
         return np.asarray((self._at(at_s + _SHORT_S, 1) - self._at(at_s - _SHORT_S, 1)) / (2.0 * _SHORT_S))
+
+    def noise_power(self, true_s: Reals) -> Reals:
+        """Compute the power of all white noise at times (n,), over the receiver's own."""
+        return np.ones(true_s.shape) + sum(noise.power_at(true_s) for noise in self.noises)
+
+    def line_power(self, true_s: Reals, band_hz: float) -> Reals:
+        """Compute the noise that lines and chirps are to a correlator at times (n,), over the receiver's own.
+
+        band_hz : in which their power is over the receiver's noise.
+        """
+        chips_hz = self.signal.chip_rate_hz
+        passed = sum(jammer.share_through(chips_hz) * jammer.power_at(true_s) for jammer in self.jammers)
+        return np.zeros(true_s.shape) + passed * band_hz / chips_hz
 
     def _at(self, true_s: ArrayLike, which: int) -> Reals:
         at_s = np.asarray(true_s, np.float64)

@@ -404,7 +404,7 @@ def _compute_gain(rendering: Rendering, block: int) -> Floats:
     It follows the power at once, chunk by chunk, as known beforehand: so it does not depend on what was read before.
     """
     power = np.ones(BLOCK, np.float32)
-    sources: list[AddedNoise | Jammer] = [*rendering.sky.noises, *rendering.sky.jammers]
+    sources: list[AddedNoise] = [*rendering.sky.noises, *rendering.sky.jammers]
     for source, of_chunks in zip(
         sources, np.concatenate(_compute_powers(rendering, block)).astype(np.float32), strict=True
     ):

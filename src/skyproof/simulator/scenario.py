@@ -176,10 +176,16 @@ class FrontEnd(Model):
             raise ValueError(f"real samples need 0 < if_hz < {self.rate_hz / 2:g} (half the rate), not {self.if_hz:g}")
         if abs(self.if_hz) >= self.rate_hz / 2:
             raise ValueError(f"if_hz {self.if_hz:g} is not below half the rate, {self.rate_hz / 2:g}")
-        room_hz = self.rate_hz if self.kind == "complex" else self.rate_hz / 2
-        if self.bandwidth_hz is not None and self.bandwidth_hz > room_hz:
-            raise ValueError(f"bandwidth_hz {self.bandwidth_hz:g} is more than {self.kind} samples hold, {room_hz:g}")
+        if self.bandwidth_hz is not None and self.bandwidth_hz > self.band_hz:
+            raise ValueError(
+                f"bandwidth_hz {self.bandwidth_hz:g} is more than {self.kind} samples hold, {self.band_hz:g}"
+            )
         return self
+
+    @property
+    def band_hz(self) -> float:
+        """Return the width of the sampled band: the rate of complex samples, half of that of real ones."""
+        return self.rate_hz if self.kind == "complex" else 0.5 * self.rate_hz
 
 
 class SatelliteDirection(Model):

@@ -204,7 +204,7 @@ class _World:
             el_rad=el_rad,
             clock=self.clocks[index],
             rays=tuple(self._iterate_rays(receiver, antenna, signals, el_rad)),
-            noises=tuple(other for other in disturbers if isinstance(other, AddedNoise)),
+            noises=tuple(other for other in disturbers if not isinstance(other, Jammer)),
             jammers=tuple(other for other in disturbers if isinstance(other, Jammer)),
         )
 
@@ -250,7 +250,7 @@ class _World:
                 f"least {NEAREST_M:g} m; move one of them"
             )
 
-    def _iterate_disturbers(self, point: Point) -> Iterator[AddedNoise | Jammer]:
+    def _iterate_disturbers(self, point: Point) -> Iterator[AddedNoise]:
         """Iterate over noise and interference."""
         for attacker in self.attackers:
             noise = compute_added_noise(attacker, point)

@@ -275,7 +275,7 @@ def compute_added_noise(attacker: Attacker, point: Point) -> AddedNoise | None:
     return AddedNoise(power=power, from_s=float(begin_s), until_s=float(end_s))
 
 
-def compute_interference(source: Interference, radio: Radio, point: Point) -> AddedNoise | Jammer:
+def compute_interference(source: Interference, radio: Radio, point: Point) -> AddedNoise:
     """Compute an interference's noise or line at an antenna."""
     power = radio.power(source.power_at_db, point)
     from_s = float(radio.arrival_s(point, np.array([source.onset_s]))[0])

@@ -28,7 +28,7 @@ from skyproof.receiver.channels import FORGET_S, DelayDoppler, Gap, LostSignal, 
 from skyproof.records import Observations, Samples, SignalId
 from skyproof.simulator.measurement_errors import FieldError, FieldErrors, draw_field_errors
 from skyproof.simulator.measurements import IdealMeasurements, make_ideal_measurements
-from skyproof.simulator.received import ReceiverSky, Scene
+from skyproof.simulator.received import Scene
 
 __all__ = ["ChannelNoise", "KnownReception", "add_truth", "model_receptions", "true_offset_s"]
 
@@ -107,17 +107,9 @@ class _Arriving:
     carrier_error_cyc: Reals
 
 
-def _noise_power(sky: ReceiverSky, true_s: Reals) -> Reals:
-    power = np.ones(true_s.size)
-    for added in sky.noises:
-        finite = (true_s >= added.from_s) & (true_s < added.until_s)
-        power[finite] += added.power(true_s[finite])
-    return power
-
-
-def _collect_arriving(geometry: IdealMeasurements, floor: Reals, error: FieldError | None) -> list[_Arriving]:
+def _collect_arriving(geometry: IdealMeasurements, error: FieldError | None) -> list[_Arriving]:
     power = np.where(np.isfinite(geometry.pseudorange_m), 10.0 ** (0.1 * geometry.cn0_dbhz), 0.0)
-    floor = floor + CODE_NOISE * power.sum(axis=1)
+    floor = 1.0 + CODE_NOISE * power.sum(axis=1)
     columns: dict[str, list[int]] = {}
     for column, signal in enumerate(geometry.signals):
         columns.setdefault(signal.sat, [-1, -1])[geometry.labels[column] == "spoofed"] = column
@@ -402,7 +394,7 @@ def _receive(
 ) -> KnownReception:
     sky = scene.skies[index]
     true_s = geometry.elapsed_s + sky.true_minus_elapsed_s(geometry.elapsed_s)
-    arriving = _collect_arriving(geometry, _noise_power(sky, true_s), error)
+    arriving = _collect_arriving(geometry, error)
     receiver = _Receiver(arriving, geometry.elapsed_s)
     for epoch in range(geometry.elapsed_s.size):
         receiver.step(epoch)

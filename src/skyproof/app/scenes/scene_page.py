@@ -342,8 +342,7 @@ def _is_received_at(received: ReceivedSignal, at_s: Reals) -> Any:
 
 def _levels(sky: ReceiverSky, at_s: Reals, duration_s: float) -> Iterator[SignalSeries]:
     at_s = _select_moments(sky, at_s, duration_s)
-    added = sum((_power_at(noise, at_s) for noise in sky.noises), np.zeros(at_s.shape))
-    cn0_dbhz = sky.cn0_dbhz(at_s) - 10.0 * np.log10(1.0 + added)[:, np.newaxis]
+    cn0_dbhz = sky.cn0_dbhz(at_s) - 10.0 * np.log10(sky.noise_power(at_s))[:, np.newaxis]
     for column, received in enumerate(sky.signals):
         yield SignalSeries(
             receiver=sky.receiver.name,
@@ -360,11 +359,6 @@ def _select_moments(sky: ReceiverSky, at_s: Reals, duration_s: float) -> Reals:
     """Select the moments within a receiver's recording."""
     start_s = sky.receiver.start_offset_s
     return np.asarray(at_s[(at_s >= start_s) & (at_s <= start_s + duration_s)])
-
-
-def _power_at(source: Any, at_s: Reals) -> Reals:
-    """Return the power of noise or a jammer over the receiver's noise, zero while it is off."""
-    return np.asarray(np.where((at_s >= source.from_s) & (at_s <= source.until_s), source.power(at_s), 0.0))
 
 
 def _offsets(scene: Scene, sky: ReceiverSky, at_s: Reals) -> Iterator[PlotLine]:
@@ -395,7 +389,7 @@ def _disturbance(scenario: Scenario, sky: ReceiverSky, at_s: Reals) -> Iterator[
     names += [source.name or source.kind for source in scenario.interference if source.kind == "noise"]
     names += [source.name or source.kind for source in scenario.interference if source.kind != "noise"]
     for name, source in zip(names, (*sky.noises, *sky.jammers), strict=True):
-        power = _power_at(source, at_s)
+        power = source.power_at(at_s)
         yield PlotLine(
             name=name, kind="multipath", seconds=at_s, values=10.0 * np.log10(np.where(power > 0.0, power, np.nan))
         )
