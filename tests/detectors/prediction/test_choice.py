@@ -144,6 +144,15 @@ def test_fixes_while_an_attack_may_hide_are_not_learned(takeover):
     assert old == [("authentic", 0, 29), ("unknown", 30, 89), ("spoofed", 90, 139)]
 
 
+def test_an_attack_in_a_window_without_sets_counts(takeover):
+    taken = takeover()
+    last = taken.invented.at(10.0 * taken.first)
+    evidence = [e for e in taken.evidence if e.start_gpst <= last]
+    sets = [s for s in taken.sets if s.gpst < last]
+    found, _ = walk(taken, evidence, sets, make_standing())
+    assert [e.code for e in found if e.says == "authentic"] == ["only_sky"] * 3
+
+
 def test_a_doubtful_start_nearby_makes_this_start_doubtful(takeover):
     taken = takeover()
     nearby = replace(taken.observations, receiver="rx2")

@@ -13,7 +13,7 @@ from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import cut, windows_of
 from skyproof.detectors.prediction.inertia import Inertia, InertiaSettings, list_navigators
-from skyproof.records import Cause, Finding, Hypothesis, list_refs
+from skyproof.records import Cause, Finding, Hypothesis, Need, list_refs
 from skyproof.simulator.sky import make_scene
 from skyproof.studies.receiver_model import ChannelNoise, model_receptions
 
@@ -147,6 +147,17 @@ def test_what_a_later_finding_doubts_corrects_no_navigator(code):
     assert after.until == known.until == windows[4 if code == "odd" else 3].end_gpst
     at = windows[8].start_gpst
     np.testing.assert_allclose(after.predictor.at(at).mean, known.predictor.at(at).mean, rtol=1e-12)
+
+
+def test_an_attack_in_a_window_without_sets_ends_the_learning():
+    o, windows, predictor = simulate_path(duration_s=101.0)
+    windows[5] = replace(windows[5], sets=())
+    doubt = [(5, make_doubt(o, windows[5], windows[5].start_gpst, "attack"))]
+    found, after = examine(
+        Inertia(InertiaSettings(false_alarm_probability=ALPHA)), o, windows, doubt, inertial={"bow": predictor}
+    )
+    assert after.until == windows[3].end_gpst
+    assert [e.lacking for e in found if e.start_gpst == windows[5].start_gpst] == [(Need.SETS,)]
 
 
 def add_spike(readings):

@@ -123,13 +123,12 @@ class Prediction:
     def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
         """Return what prediction says of each receiver that is attacked, where nothing else names true signals
         or false ones."""
-        if lacking := Reporter(self, records, Hypothesis.FALSE_SKY).name_missing():
-            return lacking, state
+        # An attack counts in a window without sets, too.
+        found = Reporter(self, records, Hypothesis.FALSE_SKY).name_missing()
         watches: dict[str, _Watch] = dict(state or {})
         windows = {o.receiver: select_candidates(records, o.receiver) for o in records.observations}
         # Whoever attacks one receiver is within reach of the others: none starts clean where one does not.
         doubted = any(window.doubted for window in windows.values())
-        found = list[Finding]()
         for o in records.observations:
             if o.receiver not in records.expected:
                 continue

@@ -96,12 +96,11 @@ class Inertia:
     def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
         """Return a finding for each receiver in a window that its navigator predicts."""
         report = Reporter(self, records, Hypothesis.PREDICTED)
-        if lacking := report.name_missing():
-            return lacking, state
+        lacking = report.name_missing()
         walks: dict[str, _Walk] = dict(state or {})
         # Whoever attacks one receiver is within reach of the others.
         attacked = min((_date(e) for e in records.findings if e.says in ("attack", "spoofed")), default=None)
-        found = list[Finding]()
+        found = list(lacking)  # an attack counts in a window without sets, too
         for o in records.observations:
             if o.receiver not in records.inertial:
                 continue
@@ -115,7 +114,10 @@ class Inertia:
             about = [e for e in records.findings if any(ref.receiver == o.receiver for ref in e.signals)]
             failed = min((_date(e) for e in about if e.failed), default=None)
             finding = walk.examine(select_candidates(records, o.receiver), attacked, failed)
-            found += [report.pass_over(list_refs(o.receiver, o.signals), _UNTRIED)] if finding is None else [finding]
+            if finding is not None:
+                found.append(finding)
+            elif not lacking:
+                found.append(report.pass_over(list_refs(o.receiver, o.signals), _UNTRIED))
         return found, walks
 
 
