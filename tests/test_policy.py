@@ -119,6 +119,7 @@ COMPUTING = {
     "dccaf/inverse_raim": {"_UNKNOWNS"},
     "fusion/labels": {"SILENT"},
     "levels/laws": {"DIP_PARTS"},
+    "levels/parts": {"STEP_SHARE"},
     "messages/detector": {"_TESTS"},
     "messages/last_day": {"_TESTS"},
     "messages/laws": {"_EARTH_M"},

@@ -141,6 +141,7 @@ MADE_ELSEWHERE = {
     "torn": None,
     "messages": None,
     "levels": None,
+    "parts": None,
     "statements": "one_antenna",
     "known_place": None,
     "place": None,

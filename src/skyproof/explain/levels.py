@@ -17,6 +17,11 @@ def _describe_odd(finding: Finding) -> str:
         case "rise":
             number = f"{data['satellites']} satellites in {receiver}"
             return f"{_name_unit(data['unit'])} of {number} became stronger together, by {data['change_db']:.0f} dB"
+        case "entered":
+            return (
+                f"more power comes in and {_name_unit(data['unit'])} of {data['satellites']} satellites in {receiver} "
+                f"became stronger with it within seconds, by {data['change_db']:.0f} dB"
+            )
         case "pattern":
             return (
                 f"the differences between the satellites' levels of {_name_unit(data['unit'])} in {receiver} shrink "

@@ -242,6 +242,55 @@ def test_power_that_weakens_no_signal_is_suspect() -> None:
     )  # no signal is received there
 
 
+def draw_false_signals(levels_db: np.ndarray, over_db: float, *, phases: int = 0) -> np.ndarray:
+    """Return levels of true signals and false ones on top of them, stronger by so much, from the onset on."""
+    turned = np.exp(2j * np.pi * np.random.default_rng(phases).random(N))
+    both_db = levels_db + 20.0 * np.log10(np.abs(1.0 + 10.0 ** (over_db / 20.0) * turned))
+    return np.where(np.arange(len(levels_db))[:, None] >= ONSET, both_db, levels_db)
+
+
+@pytest.mark.parametrize("phases", range(3))
+def test_power_that_enters_with_the_signals_is_dated(phases: int) -> None:
+    # A takeover 10 dB over the true signals, whose own noise adds 4 dB to the receiver's.
+    found = select_failed(examine(draw_false_signals(draw_levels(), 6.0, phases=phases), chains=make_front_end(4.0)))
+    first = found[0]
+    assert first.data["test"] == "entered"
+    assert abs((first.dated_gpst - EXACT.gpst[ONSET]) / np.timedelta64(1, "s")) < 3.0
+    assert first.end_gpst - EXACT.gpst[ONSET] <= np.timedelta64(WINDOW, "s")
+    assert Cause.INTERFERENCE in first.may_also_be
+    assert first.says == "undecided"
+
+
+@pytest.mark.parametrize("input_db", [4.0, 0.0, -4.0])
+def test_only_a_standing_receiver_needs_no_more_power(input_db: float) -> None:
+    # Shade that ends strengthens signals as well, and noise that ends brings less power.
+    strong_db = draw_false_signals(draw_levels(), 4.0)
+    found = [
+        [
+            e
+            for e in select_failed(examine(strong_db, chains=make_front_end(input_db), speed_max_m_s=speed))
+            if e.code == "odd"
+        ]
+        for speed in (0.0, None)
+    ]
+    entered = [any(e.data["test"] == "entered" for e in each) for each in found]
+    assert entered == {4.0: [True, True], 0.0: [True, False], -4.0: [False, False]}[input_db]
+
+
+def test_noise_and_single_reflections_do_not_enter() -> None:
+    # Noise weakens signals, and what one reflector strengthens are few.
+    few_db = draw_levels()
+    few_db[ONSET:, :3] += 6.0
+    for levels_db in (
+        few_db,
+        drop_levels(draw_levels(), 10.0),
+        drop_levels(draw_levels(), 4.0, epochs=slice(ONSET, ONSET + 8)),
+    ):
+        for speed in (0.0, None):
+            found = examine(levels_db, chains=make_front_end(10.0), speed_max_m_s=speed)
+            assert not [e for e in select_failed(found) if e.data["test"] == "entered"]
+
+
 def test_signals_that_get_stronger_together_are_suspect() -> None:
     first, *_ = select_failed(examine(drop_levels(draw_levels(), -8.0)))
     assert first.dated_gpst == EXACT.gpst[ONSET]

@@ -5,13 +5,15 @@ raise the level as well, and C/N0 does not fall: it rises, or satellites get lev
 signal's level is its own slow course plus fading of its own; what all share is the receiver's or comes in
 (`laws.estimate_shared_change`). Levels are held against the receiver's own past, and their wander is learnt from it.
 
-There are four tests; a failed one makes *suspect* at most:
+There are five tests; a failed one makes *suspect* at most:
 
 - **rise**: the satellites of a kind get stronger together. Shade that ends or interference that ends does so too.
 - **pattern**: the levels of different satellites become equal. One antenna in a reflecting room may do so as well.
 - **strong**: signals are stronger than any satellite sends and any common antenna receives.
 - **level**: the front end takes in more power, and C/N0 does not fall. A change of gain does so, and interference
   beside the band.
+- **entered**: within seconds more power comes in and half of a kind's signals get stronger (`parts`). Shade, a
+  reflection and noise that begins do the one or the other. Noise that ends behind an automatic gain may do both.
 
 A **fall** that all satellites on a carrier share is no sign of false signals. It is reported as interference
 (`Finding.interference`): since which epoch, by how much, on which carrier, by C/N0, by lost signals or by the level.
@@ -41,11 +43,13 @@ from skyproof.detectors.levels.laws import (
     pattern_slope,
     split_in_two,
 )
+from skyproof.detectors.levels.parts import LevelStep, cut_in_parts, find_power_step, learn_steps, list_steps
 from skyproof.detectors.levels.past import LevelsPast, OwnLevel, SharedSeries, Unit, UnitChange
 from skyproof.detectors.levels.policy import POLICY
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.received_power import LEAST_RECEIVED_DBW
 from skyproof.records import (
+    UNTESTED,
     Cause,
     Datum,
     Finding,
@@ -57,6 +61,7 @@ from skyproof.records import (
     Records,
     SignalId,
     SignalRef,
+    Transmission,
     WeakStart,
 )
 
@@ -98,7 +103,7 @@ class _Test(NamedTuple):
     name: str
     p_value: float
     data: Mapping[str, Datum]
-    causes: tuple[Cause, ...]
+    causes: Mapping[Cause, float]
     columns: tuple[int, ...]
     statistic: float
     since: np.datetime64 | None = None
@@ -143,6 +148,13 @@ class _Window:
         self.known = np.isfinite(o.cn0_dbhz).mean(axis=0) >= 0.5
         self.kinds: list[Unit] = [(s.sat[0], s.band, s.code) for s in o.signals]
         self.floors_db = self._lowest()
+        levels = report.records.levels.get(o.receiver)
+        gain = {"gain_db": settings.gain_db, "gain_share": settings.gain_share}
+        self.parts = (*self.past.parts, *cut_in_parts(o, levels, report.records.end_gpst, **gain))
+        own_db: dict[Transmission, float] = {}
+        for signal, reference in self.past.references.items():
+            own_db[signal.transmission] = max(reference.level_db, own_db.get(signal.transmission, -np.inf))
+        self.steps: list[LevelStep] = list_steps(self.parts, own_db, settings.fading_db)
 
     def examine(self) -> tuple[Finding, LevelsPast]:
         """Return the finding and what is remembered."""
@@ -163,6 +175,7 @@ class _Window:
             *self._strong(),
         ]
         tests += self._level_alone(carriers, gauges)
+        tests += self._entered(kinds)
         failed = min(tests, key=lambda test: test.p_value, default=None)
         count = len(tests)
         odd = failed is not None and count * failed.p_value < self.settings.false_alarm_probability
@@ -393,7 +406,7 @@ class _Window:
                     "satellites": change.common.satellites,
                     "change_db": float(change.common.change_db),
                 },
-                (Cause.SHADE, Cause.INTERFERENCE, Cause.GAIN),
+                leave_open((Cause.SHADE, Cause.INTERFERENCE, Cause.GAIN)),
                 change.columns,
                 change.common.change_db,
                 self._first_changed(change),
@@ -417,7 +430,7 @@ class _Window:
                         "pattern",
                         self.past.slopes.get(change.unit, OwnScale()).below(statistic),
                         {"unit": change.unit, "slope": float(slope)},
-                        (Cause.REFLECTIONS, Cause.MOTION),
+                        leave_open((Cause.REFLECTIONS, Cause.MOTION)),
                         change.columns,
                         slope,
                     )
@@ -450,7 +463,7 @@ class _Window:
         p_value = chance_of_excess(over_db[loud], seconds, signals=int(self.known.sum()))
         strongest_db = float(self.levels_db[loud].max())
         data: dict[str, Datum] = {"strong": int(loud.size), "strongest_dbhz": strongest_db}
-        return [_Test("strong", p_value, data, (Cause.GAIN,), tuple(loud.tolist()), strongest_db)]
+        return [_Test("strong", p_value, data, leave_open((Cause.GAIN,)), tuple(loud.tolist()), strongest_db)]
 
     def _level_alone(self, changes: list[UnitChange], gauges: list[GaugeChange]) -> list[_Test]:
         """Return tests of chains whose level rises while C/N0 of no carrier in them falls."""
@@ -466,9 +479,42 @@ class _Window:
                     "level",
                     gauge.rise,
                     data,
-                    (Cause.GAIN, Cause.INTERFERENCE),
+                    leave_open((Cause.GAIN, Cause.INTERFERENCE)),
                     tuple(k for c in covered for k in c.columns),
                     gauge.statistic,
+                )
+            )
+        return tests
+
+    def _entered(self, changes: list[UnitChange]) -> list[_Test]:
+        """Return tests of kinds whose signals get stronger within seconds while more power comes in."""
+        tests = []
+        stands = self.settings.speed_max_m_s == 0.0
+        for change in changes:
+            carrier = self._carrier(change.unit)
+            step = find_power_step(
+                self.steps,
+                change.unit,
+                carrier,
+                self.past.steps,
+                fading_db=self.settings.fading_db,
+                common_db=self.settings.common_db,
+                stands=stands,
+            )
+            if step is None:
+                continue
+            # Noise that ends behind an automatic gain; reflections fade each by itself where nothing moves.
+            causes = {Cause.INTERFERENCE: UNTESTED, Cause.GAIN: step.p_alike}
+            causes |= {Cause.REFLECTIONS: step.p_value} if stands else {Cause.SHADE: step.p_power}
+            tests.append(
+                _Test(
+                    "entered",
+                    step.p_value,
+                    {"unit": change.unit, "satellites": step.satellites, "change_db": step.rise_db},
+                    causes if stands else causes | {Cause.REFLECTIONS: step.p_power},
+                    change.columns,
+                    step.rise_db,
+                    self._first_changed(change),
                 )
             )
         return tests
@@ -493,7 +539,7 @@ class _Window:
         return self.report.find(
             tuple(SignalRef(receiver, self.o.signals[k]) for k in (worst.columns if failed else columns)),
             "odd" if failed else "interfered" if noise else "steady",
-            {Cause.CLEAN: p_value, **leave_open(worst.causes)},
+            {Cause.CLEAN: p_value} | {cause: min(1.0, count * p) for cause, p in worst.causes.items()},
             data={**data, **worst.data},
             dated_gpst=worst.since if failed else None,
             estimates={"interference": noise},
@@ -568,8 +614,15 @@ class _Window:
                 for carrier, change in interfered.items()
                 if not change.short or change.dip.stop == self.o.gpst.size
             },
+            parts=self.parts[-2:],
+            steps=self.past.steps if odd else learn_steps(self.past.steps, self.steps, self._disturbed(interfered)),
             odd=odd,
         )
+
+    def _disturbed(self, interfered: Mapping[str, UnitChange]) -> frozenset[Unit]:
+        """Return the kinds on carriers with interference now or in the window before."""
+        carriers = interfered.keys() | self.past.interfered.keys()
+        return frozenset(kind for kind in self.kinds if self._carrier(kind) in carriers)
 
     def _hold_back(
         self, changes: list[UnitChange], interfered: Mapping[str, UnitChange], *, odd: bool

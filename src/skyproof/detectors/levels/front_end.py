@@ -10,7 +10,7 @@ from skyproof.detectors.levels.laws import OwnScale
 from skyproof.detectors.levels.policy import POLICY
 from skyproof.records import FrontEndLevels, SignalId
 
-__all__ = ["Gauge", "GaugeChange", "carrier_name", "chain_covers", "follow_gauges"]
+__all__ = ["Gauge", "GaugeChange", "average_readings", "carrier_name", "chain_covers", "follow_gauges"]
 
 _CARRIERS: Final = {
     "L1": "L1",
@@ -70,7 +70,7 @@ def follow_gauges(
     """
     after = dict(before)
     changes = []
-    for (chain, kind), value in _mean_readings(levels, gain_db, gain_share).items():
+    for (chain, kind), value in average_readings(levels, gain_db, gain_share).items():
         gauge = after.get((chain, kind))
         if gauge is None:
             after[chain, kind] = Gauge(value, 1.0, OwnScale())
@@ -86,8 +86,8 @@ def follow_gauges(
     return changes, after
 
 
-def _mean_readings(levels: FrontEndLevels | None, gain_db: float, gain_share: float) -> dict[tuple[str, str], float]:
-    """Return the mean reading of the window, in sigmas, by chain and kind."""
+def average_readings(levels: FrontEndLevels | None, gain_db: float, gain_share: float) -> dict[tuple[str, str], float]:
+    """Return the median of readings, in sigmas, by chain and kind."""
     if levels is None:
         return {}
     agc_db = levels.agc_db

@@ -9,6 +9,7 @@ import numpy as np
 from skyproof.arrays import Instants, Reals
 from skyproof.detectors.levels.front_end import Gauge
 from skyproof.detectors.levels.laws import Dip, OwnRate, OwnScale, SharedChange
+from skyproof.detectors.levels.parts import WindowPart
 from skyproof.records import SignalId
 
 __all__ = ["LevelsPast", "OwnLevel", "SharedSeries", "Unit", "UnitChange"]
@@ -37,7 +38,8 @@ class SharedSeries(NamedTuple):
 class LevelsPast:
     """What is remembered of a receiver: a number a signal, a unit and a chain, and the series of one window.
 
-    began_gpst : first epoch, or that at which interference ended that was there before.
+    began_gpst : first epoch, or that at which interference ended that was there before. parts : the last two of the
+    window; steps : scales of what changes about a part, of kinds and of chains.
     """
 
     end_s: float
@@ -51,6 +53,8 @@ class LevelsPast:
     series: Mapping[Unit, SharedSeries] = field(default_factory=dict)
     gauges: Mapping[tuple[str, str], Gauge] = field(default_factory=dict)
     interfered: Mapping[str, float] = field(default_factory=dict)
+    parts: tuple[WindowPart, ...] = ()
+    steps: Mapping[Unit, OwnScale] = field(default_factory=dict)
     odd: bool = False
 
 

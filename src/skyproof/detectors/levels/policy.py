@@ -40,6 +40,9 @@ class LevelsPolicy:
     confirming_p_value: float = number(
         0.01, "1", "Of a fall that a significant rise of the level confirms, or that lasts from the window before."
     )
+    pause_parts: float = number(
+        1.5, "1", "Halfway to one part that is missing; where a part is one epoch, the usual pause is a whole one."
+    )
     prior_degrees: float = number(
         10.0, "1", "Chosen: the stated scale weighs as much as so many earlier windows of the receiver's own."
     )
