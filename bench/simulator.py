@@ -124,7 +124,7 @@ def _measurements() -> Iterator[str]:
     scene = make_scene(scenario, make_nominal_constellation(scenario.start_gpst))
     short = make_scene(scenario.model_copy(update={"duration_s": 60.0}), scene.navigation)
     rng, geometries = np.random.default_rng(1), make_ideal_measurements(scene)
-    cells, few = (sum(each.there.size for each in those) for those in (geometries, make_ideal_measurements(short)))
+    cells, few = (sum(each.present.size for each in those) for those in (geometries, make_ideal_measurements(short)))
     field = NoiseModel(field=FieldErrors())
     white_s, draw_s, field_s, pulled_s = take_turns(
         lambda: draw(make_ideal_measurements(scene), rng=rng),

@@ -107,7 +107,10 @@ class _Account:
         self._open.append(name)
 
     def end(self, name: str, lost_to: str) -> None:
-        """Note the end of a kernel's compilation."""
+        """Note the end of a kernel's compilation.
+
+        lost_to : the places that could not keep it, as text; empty if it is kept.
+        """
         now_s = time.monotonic()
         if name in self._open:  # what failed to compile has no end
             del self._open[self._open.index(name) :]

@@ -303,7 +303,7 @@ CASES = {
         "1 signals of rx1 have an unbroken phase",
     ),
     ("spin", "few_epochs"): (lambda: examine_all(Spin(), make_turning(n=5)), "5 epochs of rx1 are too few"),
-    ("spin", "phases_bent"): (lambda: examine_all(Spin(), make_turning(bent=2)), "do not fit one direction each"),
+    ("spin", "phases_bent"): (lambda: examine_all(Spin(), make_turning(bent=2)), "each fit no single direction"),
     ("second_signals", "no_cn0"): (
         lambda: examine_all(SecondSignals(), change_cells(clean(), cn0_dbhz=drop_all)),
         "rx1 gives no C/N0",

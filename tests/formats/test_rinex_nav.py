@@ -375,7 +375,7 @@ def test_beidou_and_galileo_keep_their_own_fields():
     [
         (lambda lines: change_line(lines, 9, "0.398838041777D-08", "0.39883x041777D-08"), "'0.39883x041777D-08'"),
         (lambda lines: change_line(lines, 9, "0.390000000000D+02", "*" * 18), "'******************'"),
-        (lambda lines: drop_line(drop_line(lines, 10), 10), "6 lines of 8"),
+        (lambda lines: drop_line(drop_line(lines, 10), 10), "6 of its 8 lines"),
         (lambda lines: change_line(lines, 8, "22  1  1  0", "22 13  1  0"), "'22 13 1 0 0 0.0'"),
         (lambda lines: change_line(lines, 8, " 1 22", "77 22"), "G77 left"),
         (lambda lines: change_line(lines, 10, "0.515367499542D+04", "0.515367499542D+01"), " its orbit"),
@@ -455,7 +455,7 @@ def test_no_damage_ends_in_anything_but_data_or_a_message(data):
         (VERSION_3_HEADER[:-1], "line 8: .*END OF HEADER"),
         (VERSION_3_HEADER, "line 9;"),
         ([*VERSION_3_HEADER, *OTHER_RECORDS], r"\b2 records\b"),
-        ([*VERSION_3_HEADER, *GPS_RECORD[:3]], r"line 10: G05.*\b3 lines of 8\b"),
+        ([*VERSION_3_HEADER, *GPS_RECORD[:3]], r"line 10: G05.*\b3 of its 8 lines\b"),
     ],
 )
 def test_a_wrong_navigation_file_is_reported_with_place(lines, words):

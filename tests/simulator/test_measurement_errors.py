@@ -27,9 +27,9 @@ WAVELENGTH_M = SPEED_OF_LIGHT_M_S / L1_HZ
 DRAWS = 20_000
 
 
-def exposure(*ways: SignalPath, name: str = "one", el_deg: float = 90.0, epochs: int = 6, first: int = 0) -> Exposure:
-    el_rad = np.full((epochs, len(ways)), np.radians(el_deg))
-    return Exposure(receiver=name, ways=ways, first=first, el_rad=el_rad)
+def exposure(*paths: SignalPath, name: str = "one", el_deg: float = 90.0, epochs: int = 6, first: int = 0) -> Exposure:
+    el_rad = np.full((epochs, len(paths)), np.radians(el_deg))
+    return Exposure(receiver=name, paths=paths, first=first, el_rad=el_rad)
 
 
 def from_sky(sat: str = "G05", east_km: float = 0.0) -> SignalPath:
@@ -107,8 +107,8 @@ def test_false_signals_share_the_way_from_their_transmitter() -> None:
     assert here.code_m.std() == pytest.approx(0.66, rel=0.03)
     assert is_correlated(here.code_m[:, 0, 0], there.code_m[:, 0, 0], 0.0)
 
-    ways = relayed("G05"), relayed("G06"), relayed("G07", "meaconer/1")
-    here, there = draw_field_errors(whole, [exposure(*ways), exposure(*ways, name="two")], 1.0, draws=(DRAWS,))
+    paths = relayed("G05"), relayed("G06"), relayed("G07", "meaconer/1")
+    here, there = draw_field_errors(whole, [exposure(*paths), exposure(*paths, name="two")], 1.0, draws=(DRAWS,))
     # between satellites at one receiver the way from the antenna falls out; between receivers the ears' errors do
     one, other = (error.code_m[:, 0, 0] - error.code_m[:, 0, 1] for error in (here, there))
     np.testing.assert_allclose(one, other, atol=1e-9)
@@ -179,6 +179,6 @@ def test_white_noise_is_as_it_was_without_them(scene: Scene) -> None:
     white = draw_noise(geometry, NoiseModel(), rng=np.random.default_rng(2))
     noise = draw_noise(geometry, NoiseModel(field=FieldErrors()), rng=np.random.default_rng(2))
     extra = noise - white
-    there = geometry.there.all(axis=0)
+    there = geometry.present.all(axis=0)
     assert correlation(extra[1:, there], extra[:-1, there]) > 0.9
     assert abs(correlation(white[1:, there], white[:-1, there])) < 0.2

@@ -93,8 +93,8 @@ def test_noise_has_the_sigma_and_the_correlation_asked_for(scene: Scene) -> None
     model = NoiseModel(sigma_m=0.8, ar1=0.9)
     error_m = draw_noise(geometry, model, rng=np.random.default_rng(2), draws=(4000,))
     assert error_m.shape == (4000, *geometry.pseudorange_m.shape)
-    steady = error_m[..., geometry.there.all(axis=0)]
-    unit = steady / (0.8 * model.growth(geometry.cn0_dbhz[:, geometry.there.all(axis=0)]))
+    steady = error_m[..., geometry.present.all(axis=0)]
+    unit = steady / (0.8 * model.growth(geometry.cn0_dbhz[:, geometry.present.all(axis=0)]))
     assert np.allclose(unit.var(axis=(0, 2)), 1.0, atol=0.04)  # from the first epoch on
     assert np.mean(unit[:, 1:] * unit[:, :-1]) == pytest.approx(0.9, abs=0.01)
     white = draw_noise(geometry, NoiseModel(), rng=np.random.default_rng(2), draws=(4000,))
@@ -105,7 +105,7 @@ def test_a_constant_error_stays_for_the_window(scene: Scene) -> None:
     geometry = make_ideal_measurements(scene)[0]
     model = NoiseModel(sigma_m=0.0, constant_m=1.5)
     error_m = draw_noise(geometry, model, rng=np.random.default_rng(2), draws=(3000,))
-    steady = error_m[..., geometry.there.all(axis=0)]
+    steady = error_m[..., geometry.present.all(axis=0)]
     assert np.ptp(steady, axis=1).max() == 0.0
     assert steady[:, 0].std() == pytest.approx(1.5, rel=0.03)
 

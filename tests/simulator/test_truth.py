@@ -86,7 +86,7 @@ def test_signals_are_what_is_measured_without_noise(scene: Scene, antenna: str) 
         assert set(table["label"][mine]) == {geometry.labels[column]}
         for row in np.flatnonzero(np.isin(table["receiver_gpst"], geometry.gpst) & mine):
             (epoch,) = np.flatnonzero(geometry.gpst == table["receiver_gpst"][row])
-            if not geometry.there[epoch, column]:
+            if not geometry.present[epoch, column]:
                 continue
             assert table["elapsed_s"][row] == geometry.elapsed_s[epoch]
             assert abs(table["pseudorange_m"][row] - geometry.pseudorange_m[epoch, column]) < 0.15

@@ -17,7 +17,7 @@ _OF_SCENES = {"demo", "pages", "scene_page", "simulate"}
 
 
 def __getattr__(name: str) -> ModuleType:
-    """Load a use case."""
+    """Load a use case when it is first named."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return import_module(f"{__name__}.scenes.{name}" if name in _OF_SCENES else f"{__name__}.{name}")

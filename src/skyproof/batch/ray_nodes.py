@@ -1,6 +1,6 @@
-"""Items done by the nodes of a Ray cluster, which see the same files and have the same version installed.
+"""Run items on the nodes of a Ray cluster, which see the same files and have the same version installed.
 
-Of the package's extra `ray`; nothing else imports this module.
+Ray is an extra of the package, so this module is imported only where a cluster is asked for.
 """
 
 import logging
@@ -18,14 +18,16 @@ from skyproof.errors import SettingsError
 __all__ = ["RayNodes"]
 
 AHEAD: Final = 2
-"""Tasks given to the cluster for each of its processors: one at work, and one that need not be waited for."""
+"""Tasks given to the cluster per processor: one at work, and one that can begin at once when that ends."""
 
 REACHED_S: Final = 5.0
+"""Longest time to wait for the address to answer."""
 
 
 class RayNodes:
-    """The cluster at an address: "auto" for the one that this machine belongs to, HOST:PORT, ray://HOST:PORT. For a
-    block `with`, for which the driver is connected.
+    """The cluster at an address: "auto" for the one that this machine belongs to, HOST:PORT or ray://HOST:PORT.
+
+    The driver is connected within a `with` block.
 
     Raises
     ------
@@ -50,7 +52,7 @@ class RayNodes:
                 f"no Ray cluster can be used at {self.address!r} ({' '.join(str(error).split())}); start one with "
                 "`ray start --head` and name its address"
             ) from error
-        # A worker that dies is noticed and its item repeated by the run, with any runner alike.
+        # No retries of Ray's own: the run notices a dead worker and repeats its item, with every runner alike.
         self._attempt = ray.remote(num_cpus=1, max_retries=0)(_attempt)
         self._version = version("skyproof")
         return self
@@ -80,23 +82,20 @@ class RayNodes:
             answer: Ended = ray.get(reference)
         except RayError as error:
             return Ended(
-                key=key, error=f"the process that did it ended before it (Ray: {type(error).__name__})", lost=True
+                key=key, error=f"its process ended before it was done (Ray: {type(error).__name__})", lost=True
             )
         return answer
 
 
 def _require_reached(address: str) -> None:
-    """Raise OSError, at once, where Ray itself would try for minutes."""
+    """Raise OSError within seconds if nothing answers; Ray itself would try for minutes."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if host and port.isdecimal():
         socket.create_connection((host, int(port)), REACHED_S).close()
 
 
 def _attempt(task: Task, expected: str) -> Ended:
-    """Attempt a task on a node, which must have the same version: another one makes other bytes.
-
-    Another version makes other bytes.
-    """
+    """Attempt a task on a node, which must have the run's version, as another one makes other bytes."""
     if (found := version("skyproof")) != expected:
         return Ended(
             key=task.item.key, error=f"a node has skyproof {found}, the run {expected}; install the same on all"

@@ -11,15 +11,15 @@ __all__ = ["ENTRIES"]
 
 
 def _describe_bent(finding: Finding) -> str:
-    """State whose phases are not of one direction, and when."""
+    """Name the signals whose phases fit no single direction, and when."""
     data: Mapping[str, Any] = finding.data
     receiver = finding.signals[0].receiver
-    words = "its phases do not fit one direction"
+    words = "its phases fit no single direction"
     if "bent" in data:
-        words = f"the phases of {data['bent']} of {data['of']} signals in {receiver} do not fit one direction each"
+        words = f"the phases of {data['bent']} of {data['of']} signals in {receiver} each fit no single direction"
     elif "ago_s" in data:
         ago = f"{data['ago_s']:.0f} s before" if data["ago_s"] else "just before"
-        words = f"{ago}, the phases of several signals in {receiver} did not fit one direction each"
+        words = f"{ago}, the phases of several signals in {receiver} each fitted no single direction"
     return f"{words}, because of slips, strong reflections, or two signals within a chip"
 
 

@@ -117,7 +117,10 @@ class Remarks:
 
 
 def limit_remarks(remarks: Iterable[str], others: str) -> tuple[str, ...]:
-    """Return each remark once, the gravest kinds first; beyond `REMARKS` of one kind "3 ..." of the others."""
+    """Return each remark once, the gravest kinds first.
+
+    Beyond `REMARKS` of one kind, a last one counts the rest, as "3 ..." with the words of `others`.
+    """
     by_kind: dict[RemarkKind, list[str]] = {kind: [] for kind in sorted(RemarkKind, reverse=True)}
     for remark in dict.fromkeys(remarks):
         by_kind[Remark.kind_of(remark)].append(remark)

@@ -126,7 +126,7 @@ def unpack_beginning(head: bytes) -> bytes:
 def require_size(size: int, most: int, what: str, to_do: str) -> None:
     """Raise InputError if a file holds more bytes than its kind ever does."""
     if size > most:
-        raise InputError(f"{what} holds more than {most / (1 << 20):g} MiB, the limit; {to_do}")
+        raise InputError(f"{what} exceeds the limit of {most / (1 << 20):g} MiB; {to_do}")
 
 
 class FileBytes:

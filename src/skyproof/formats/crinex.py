@@ -301,7 +301,7 @@ def _read_value(arcs: dict[int, _Arc], key: int, text: str) -> int | None:
     if match[1]:
         arcs[key] = _Arc(int(match[1]))
     elif key not in arcs:
-        raise _Lost("numbers that continue what never began")
+        raise _Lost("a difference with no value before it to count from")
     if arcs[key] is _BROKEN:
         return None
     value = arcs[key].take(int(match[2]))

@@ -159,18 +159,18 @@ class _Walk:
         return bool(self.layouts[-1])
 
     def _find_labelled(self, begin: int, end: int) -> list[int]:
-        """List which of these lines have the label of a header line."""
+        """List those of these lines that carry the label of a header line."""
         first, last = np.searchsorted(self._labelled, (begin, end))
         return self._labelled[first:last].tolist() if last > first else []
 
-    def take_header(self, _find_labelled: Sequence[int]) -> bool:
+    def take_header(self, labelled: Sequence[int]) -> bool:
         """Take the lines of a header that stands in the data without an event record; False if they change nothing."""
-        texts = [self.lines[k] for k in _find_labelled]
+        texts = [self.lines[k] for k in labelled]
         if not any(text[60:80].rstrip() in _HEADER for text in texts):
             return False
         layout, remarks = self.restate(texts, self.layouts[-1])
         self.layouts.append(layout)
-        line = self.lines.first_number + _find_labelled[0]
+        line = self.lines.first_number + labelled[0]
         self.remarks += [Remark.reword(remark, f"line {line}: {remark}") for remark in remarks]
         return True
 
@@ -291,8 +291,8 @@ def find_rows_3(lines: Lines, layout: Layout, restate: Restate, *, to_end: bool 
     filled = np.append(0, np.cumsum(lines.end > lines.start))
     nexts = np.append(heads, len(lines))[1:]
     owner = np.full(len(lines), -1, np.int64)
-    if _find_labelled := walk._find_labelled(0, int(heads[0]) if heads.size else len(lines)):
-        walk.take_header(_find_labelled)
+    if labelled := walk._find_labelled(0, int(heads[0]) if heads.size else len(lines)):
+        walk.take_header(labelled)
     for k, following in zip(heads.tolist(), nexts.tolist(), strict=True):
         text, first, begun = lines[k], k + 1, False
         at_end = to_end and following == len(lines)
@@ -314,11 +314,11 @@ def find_rows_3(lines: Lines, layout: Layout, restate: Restate, *, to_end: bool 
                 walk.cut = k
             else:
                 walk.damaged.append(k)
-        _find_labelled = walk._find_labelled(first, following)
-        end = _find_labelled[0] if _find_labelled and walk.take_header(_find_labelled) else following
+        labelled = walk._find_labelled(first, following)
+        end = labelled[0] if labelled and walk.take_header(labelled) else following
         if begun:
             owner[k + 1 : end] = len(walk.flag) - 1
-            owner[[j for j in _find_labelled if j < end]] = -1
+            owner[[j for j in labelled if j < end]] = -1
             present = np.count_nonzero((owner >= 0)[k + 1 : end] & (lines.end > lines.start)[k + 1 : end])
             if present != count and walk.cut != k:
                 walk.damaged.append(k)
@@ -355,8 +355,8 @@ def find_rows_2(lines: Lines, layout: Layout, system: str, restate: Restate, *, 
         at = int(np.searchsorted(heads, k))
         head = int(heads[at]) if at < heads.size else total
         if head > k:
-            _find_labelled = walk._find_labelled(k, head)
-            end = _find_labelled[0] if _find_labelled and walk.take_header(_find_labelled) else head
+            labelled = walk._find_labelled(k, head)
+            end = labelled[0] if labelled and walk.take_header(labelled) else head
             if walk.is_readable and any(lines[j].strip() for j in range(k, min(end, k + 3))):
                 walk.damaged.append(k)
             k = head
@@ -379,8 +379,8 @@ def find_rows_2(lines: Lines, layout: Layout, system: str, restate: Restate, *, 
                 walk.damaged.append(k)
             k += 1
             continue
-        _find_labelled = walk._find_labelled(k + 1, following)
-        following = _find_labelled[0] if _find_labelled else following
+        labelled = walk._find_labelled(k + 1, following)
+        following = labelled[0] if labelled else following
         if not walk.is_readable:
             k += 1
             continue

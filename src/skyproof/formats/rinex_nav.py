@@ -240,7 +240,7 @@ class _Record:
 
 
 def _iterate_records(body: Iterator[tuple[int, str]], version: float, default_system: str) -> Iterator[_Record]:
-    """Records in the order of the file: a new one begins wherever a line begins like one, so a gap costs one record."""
+    """Yield the records of a file; each begins where a line begins like one, so a gap costs one record."""
     kind, sat, start, lines = "", "", 0, list[str]()
     for number, line in body:
         begins = _parse_beginning(line, version, default_system)
@@ -438,11 +438,11 @@ def _parse_values(
     """
     first_column = 4 if version >= 3.0 else 3
     if len(record.lines) < min(rows + 1, 7):
-        raise ValueError(f"{len(record.lines)} lines of {rows + 1}")
+        raise ValueError(f"{len(record.lines)} of its {rows + 1} lines are there")
     if version >= 4.0 and record.lines[0][:3].replace(" ", "0") != record.sat:
         raise ValueError(f"its data belong to {record.lines[0][:3]!r}")
     if not 1 <= int(record.sat[1:]) <= _MOST_SATS[record.sat[0]]:
-        raise ValueError("there is no such satellite")
+        raise ValueError("no satellite has this number")
     columns = len(record.lines[-1][: first_column + 4 * _FIELD_WIDTH].rstrip())
     if record.ends_file and columns > first_column and (columns - first_column) % _FIELD_WIDTH:
         raise ValueError(f"the file ends within a number of its line {len(record.lines)}: fetch it again")

@@ -20,7 +20,7 @@ from skyproof.formats.byte_io import GZIP, require_size, strip_mark
 from skyproof.formats.crinex import Expander, is_compact
 from skyproof.formats.rinex_cells import Lines, find_heads, split_lines
 from skyproof.formats.rinex_obs_header import Header, read_header
-from skyproof.formats.rinex_obs_read import ObservationFile, read_file, require_text
+from skyproof.formats.rinex_obs_read import ObservationFile, read_body, require_text
 from skyproof.records import CellStatus, Observations, SignalId
 from skyproof.remarks import Remark, RemarkKind
 
@@ -75,7 +75,7 @@ def read_obs_pieces(
             whole = len(lines) if ended else _count_whole(lines, header)
             if not whole and len(text) > max(EPOCH_BYTES, piece_bytes):  # no text of epochs
                 whole = len(lines)
-            found = read_file(
+            found = read_body(
                 _take_first(lines, whole), header, keep=keep, glonass_channels=glonass_channels, to_end=ended
             )
             idle = 0 if found.observations.gpst.size else idle + len(text)

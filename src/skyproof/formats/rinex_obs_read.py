@@ -34,14 +34,14 @@ __all__ = [
     "ObservationFile",
     "holds_observations",
     "parse_obs",
-    "read_file",
+    "read_body",
     "read_obs",
     "require_text",
 ]
 
 _UNKNOWN_CN0_DBHZ: Final = 40.0
-_EMPTY_LINES: Final = 1 << 20  # beyond one in 16 bytes
-_FILLED: Final = 16  # epochs and signals are so many times the cells that are filled, at most
+_EMPTY_LINES: Final = 1 << 20  # that a file may have beside one line in 16 bytes
+_FILLED: Final = 16  # a table may have at most so many cells for each that is filled
 _LATE_NS: Final = 500_000_000  # receivers that round the instants of a header differ by less
 
 
@@ -127,7 +127,7 @@ def parse_obs(
     require_text(content, source)
     header, body_at = read_header(content, source)
     lines = split_lines(np.frombuffer(content, np.uint8)[body_at:], header.n_lines + 1)
-    found = read_file(lines, header, keep=keep, glonass_channels=glonass_channels)
+    found = read_body(lines, header, keep=keep, glonass_channels=glonass_channels)
     impossible = describe_impossible(found.impossible, found.misread)
     remarks = [*compact_remarks, *header.remark_words(), *impossible, *found.remarks]
     if not found.observations.signals:
@@ -142,17 +142,17 @@ def require_text(content: bytes, source: str) -> None:
         raise InputError(f"{source}: hardly more than empty lines; {TO_DO}")
 
 
-def read_file(
+def read_body(
     lines: Lines,
-    header: "Header",
+    header: Header,
     *,
     keep: Callable[[SignalId], bool] | None = None,
     glonass_channels: Mapping[str, int] | None = None,
     to_end: bool = True,
 ) -> ObservationFile:
-    """Read the observations in lines of the body, which may have none.
+    """Read the observations in lines of a file's body, which may hold none.
 
-    Changes of the observation types go into `header`, for later lines.
+    to_end : whether the file ends with these lines. Changes of the observation types go into `header`, for later lines.
     """
     rows = (
         find_rows_3(lines, header.layout, header.restate, to_end=to_end)
@@ -191,10 +191,9 @@ def read_file(
     )
 
 
-def _report_end(lines: Lines, rows: SatelliteRows, header: "Header") -> Iterable[str]:
-    """Say what shows that more was to come after the last of the lines."""
-    reported = any(Remark.kind_of(remark) is RemarkKind.CUT for remark in rows.remarks)
-    if reported:
+def _report_end(lines: Lines, rows: SatelliteRows, header: Header) -> Iterable[str]:
+    """Yield remarks on signs that the file went on after the last of the lines."""
+    if any(Remark.kind_of(remark) is RemarkKind.CUT for remark in rows.remarks):
         return
     if lines.text.size and lines.text[-1] != ord("\n"):
         number = lines.first_number + len(lines) - 1
@@ -211,12 +210,6 @@ def _report_end(lines: Lines, rows: SatelliteRows, header: "Header") -> Iterable
             "header is that of a longer one",
             RemarkKind.BEARS,
         )
-
-
-# --- the header
-
-
-# --- signals
 
 
 _Block = tuple[SignalId, Integers, dict[str, Reals], NDArray[np.uint8], Booleans, Booleans]
@@ -279,7 +272,7 @@ class _Table:
 def _order_epochs(rows: SatelliteRows) -> tuple[Integers, Integers, list[str]]:
     """Order the epochs of the file in time.
 
-    Returns each one's place (-1 for none), the times, and remarks on repairs.
+    Returns the place of each (-1 if it is left out), the times, and remarks on repairs.
     """
     epochs = np.flatnonzero(rows.flag < 6)
     order = epochs[np.argsort(rows.instant_ns[epochs], kind="stable")]
@@ -367,16 +360,13 @@ def _mark_stated_slips(
     return lost
 
 
-def _mark_changes(marks: Booleans, there: Booleans) -> Booleans:
+def _mark_changes(marks: Booleans, present: Booleans) -> Booleans:
     """Mark where a flag differs from that of the same signal's measurement before; all (n_epochs, n_signals)."""
     changed = np.zeros_like(marks)
     for column in np.flatnonzero(marks.any(axis=0)):
-        epochs = np.flatnonzero(there[:, column])
+        epochs = np.flatnonzero(present[:, column])
         changed[epochs[1:], column] = np.diff(marks[epochs, column])
     return changed
-
-
-# --- the record
 
 
 def _leave_out_implausible(table: _Table, header: Header, channels: Mapping[str, int]) -> tuple[_Table, Implausible]:

@@ -272,7 +272,7 @@ def _convert_to_ns(column: pa.ChunkedArray, time: str, where: Callable[[int], st
 
 def _require_rows(rows: int, source: str) -> None:
     if rows > SERIES_ROWS:
-        raise InputError(f"{source}: more than {SERIES_ROWS} rows, the limit; give a shorter stretch")
+        raise InputError(f"{source}: more rows than the limit of {SERIES_ROWS}; give a shorter stretch")
 
 
 def _require_rising(times: Integers, time: str, where: Callable[[int], str]) -> None:

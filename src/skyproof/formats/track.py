@@ -314,7 +314,7 @@ def parse_kml(
 
     Raises InputError as `read_track` does.
 
-    Absolute heights count from the geoid; others are taken as they stand, for heights above the ellipsoid.
+    Absolute heights count from the geoid. Others count as heights above the ellipsoid, as they stand.
     """
     if text.count("<") > XML_TAGS:
         raise InputError(f"{source}: more than {XML_TAGS} tags; give a file with fewer points")

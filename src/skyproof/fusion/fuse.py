@@ -190,7 +190,7 @@ def _is_always_authentic(o: ObservationLog, labels: Sequence[LabelledSignal], al
 
 
 def _compute_moment_s(interval_s: float) -> float:
-    """Return how long a moment lasts, or two epochs that are missing."""
+    """Compute how long a gap may last and still count as a moment: two missing epochs always do."""
     return max(POLICY.moment_s, POLICY.moment_intervals * interval_s)
 
 

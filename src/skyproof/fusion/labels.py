@@ -84,7 +84,10 @@ def label_signals(evidence: Sequence[Finding], observations: Sequence[Observatio
 
 
 def _sort_by_window(evidence: Sequence[Finding]) -> Sequence[Finding]:
-    """Sort evidence by the windows' times; as it comes from a run it is so already, and may be too much to hold."""
+    """Sort evidence by the windows' times.
+
+    Evidence of a run is in that order and may be too much to hold, so it is returned as it is.
+    """
     times = np.fromiter((t for e in evidence for t in (e.start_gpst, e.end_gpst)), "datetime64[ns]").reshape(-1, 2)
     order = np.lexsort((times[:, 1], times[:, 0]))
     return evidence if np.array_equal(order, np.arange(order.size)) else [evidence[place] for place in order]

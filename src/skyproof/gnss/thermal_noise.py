@@ -13,7 +13,7 @@ _DLL_HZ: Final = 1.0
 _SPACING_CHIPS: Final = 0.5
 _PLL_HZ: Final = 15.0
 _INTEGRATION_S: Final = 0.02
-_LOWEST_DBHZ, _HIGHEST_DBHZ = 15.0, 60.0  # beyond, loops of this design do not hold, or other errors prevail
+_LOWEST_DBHZ, _HIGHEST_DBHZ = 15.0, 60.0  # below, loops of this design lose lock; above, other errors prevail
 
 
 def _convert_to_linear(cn0_dbhz: ArrayLike) -> Reals:

@@ -62,13 +62,13 @@ def read_ardupilot(blocks: Iterable[bytes], source: str, beside: Beside | None =
 
 
 class _Autopilot(Protocol):
-    """What is read of the tables of a stretch."""
+    """Reads the tables of a stretch of an autopilot's log."""
 
     def dump(self, stretch: TableStretch) -> bytes:
-        """Return the bytes of the receiver in it."""
+        """Return the receiver's own bytes that the stretch holds."""
 
     def piece(self, stretch: TableStretch) -> LogPiece:
-        """Return what stands in it beside them."""
+        """Return what the autopilot itself logged in the stretch."""
 
 
 def _pieces(
@@ -78,7 +78,7 @@ def _pieces(
     source: str,
     beside: Beside | None,
 ) -> Iterator[LogPiece]:
-    """Give what the receiver's own bytes say, with what the autopilot logged while they came.
+    """Yield what the receiver's own bytes say, joined with what the autopilot logged while they came.
 
     Fixes and levels are those of the receiver's bytes, where they have any: the autopilot's are the same, but later. A
     log without measurements has the epochs of its fixes.

@@ -371,7 +371,7 @@ def _carrier_cyc(cells: NDArray[Any], code_m: Reals, carrier_hz: Reals) -> Reals
 
 
 def _cn0_dbhz(steps: Octets, number: Integers) -> Reals:
-    """Return C/N0: quarters of a decibel, from 10 dB-Hz on but for P codes of GPS."""
+    """Convert steps of a quarter decibel to C/N0; they count from 10 dB-Hz, but from 0 for P codes of GPS."""
     level = 0.25 * steps + np.where((number == 1) | (number == 2), 0.0, 10.0)
     return np.where(steps == 255, np.nan, level)
 

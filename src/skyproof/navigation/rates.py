@@ -68,7 +68,7 @@ def _find_triples(goes_on: Booleans) -> Indices:
 
 
 def _weigh_slope(times_s: Reals, at_s: Reals) -> Reals:
-    """Weigh three values for the slope at `at_s` (n,) of the parabola through them at `times_s` (n, 3)."""
+    """Compute the weights (n, 3) by which values at `times_s` (n, 3) give their parabola's slope at `at_s` (n,)."""
     weights = np.empty_like(times_s)
     for k in range(3):
         time_s, *other_times_s = times_s[:, k], *(times_s[:, j] for j in range(3) if j != k)

@@ -120,7 +120,7 @@ def _find_sets_of_kind(
     min_satellites: int,
     max_sets: int,
 ) -> list[SetCandidates]:
-    """Find the consistent sets among the signals of one kind, as `solve` leaves them."""
+    """Find the consistent sets among the signals of one kind, each as `solve` gives it."""
     free = np.zeros(len(signals), np.bool_)
     free[rows] = True
     copies = list(_group_by_satellite(signals, free).values())

@@ -1,4 +1,4 @@
-"""Smooth a whole file's code by its carrier: the level from a window on both sides, the motion from the carrier."""
+"""Smooth a whole file's code: its level comes from a window on both sides, its motion from the carrier."""
 
 from dataclasses import dataclass, replace
 
@@ -23,7 +23,7 @@ def smooth(observations: Observations, *, window_s: float = 100.0, max_gap_epoch
 
     Noise: the new sigma^2 is 1 / sum(1/sigma^2) plus that of the carrier at the epoch, if the code noise is white from
     epoch to epoch with the `pseudorange_sigma_m` given. Neighbouring epochs then share their noise (so `averaged_s`
-    becomes 0, which promises nothing). Code noise that is correlated over a time tau averages over window/tau values
+    becomes 0: nothing is promised of it). Code noise that is correlated over a time tau averages over window/tau values
     only, and errors that stay (multipath of a receiver at rest) not at all: the sigma does not know of them.
 
     Ionosphere: code is late and carrier early, so code minus carrier drifts by twice the ionosphere's rate. Over the
@@ -47,7 +47,7 @@ def smooth(observations: Observations, *, window_s: float = 100.0, max_gap_epoch
     difference_m = np.where(present, observations.pseudorange_m - carrier_m, 0.0)
     level_m = np.take_along_axis(difference_m, arcs.first, axis=0)
     weight = np.where(present, 1.0 / np.where(present, code_sigma_m, 1.0) ** 2, 0.0)
-    half_s = 0.5 * window_s * (1.0 + 1e-9)  # epochs on the window's rim are in
+    half_s = 0.5 * window_s * (1.0 + 1e-9)  # epochs at the window's very edge count
     begin = np.searchsorted(observations.elapsed_s, observations.elapsed_s - half_s, side="left")
     end = np.searchsorted(observations.elapsed_s, observations.elapsed_s + half_s, side="right") - 1
     begin, end = np.maximum(begin[:, None], arcs.first), np.minimum(end[:, None], arcs.last)
@@ -71,21 +71,22 @@ class _Arcs:
     last: Indices
 
 
-def _find_arcs(there: Booleans, slip: Booleans, max_gap_epochs: int) -> _Arcs:
-    n = len(there)
-    row = np.broadcast_to(np.arange(n)[:, None], there.shape)
-    latest = np.maximum.accumulate(np.where(there, row, -1), axis=0)
-    previous = np.vstack((np.full((1, there.shape[1]), -1), latest[:-1]))  # the latest cell before each
+def _find_arcs(present: Booleans, slip: Booleans, max_gap_epochs: int) -> _Arcs:
+    """Find the arc of each cell: it begins at a slip and after a longer gap than the carrier may bridge."""
+    n = len(present)
+    row = np.broadcast_to(np.arange(n)[:, None], present.shape)
+    latest = np.maximum.accumulate(np.where(present, row, -1), axis=0)
+    previous = np.vstack((np.full((1, present.shape[1]), -1), latest[:-1]))  # the latest cell before each
     slips = np.cumsum(slip, axis=0)
     slipped = slips != np.take_along_axis(slips, np.maximum(previous, 0), axis=0)
-    starts = there & ((previous < 0) | slipped | (row - previous > max_gap_epochs + 1))
+    starts = present & ((previous < 0) | slipped | (row - previous > max_gap_epochs + 1))
     first = np.maximum.accumulate(np.where(starts, row, 0), axis=0)
     next_start = np.minimum.accumulate(np.where(starts, row, n)[::-1], axis=0)[::-1]
-    last = np.vstack((next_start[1:], np.full((1, there.shape[1]), n))) - 1
+    last = np.vstack((next_start[1:], np.full((1, present.shape[1]), n))) - 1
     return _Arcs(first, last)
 
 
 def _sum_between(values: Reals, begin: Indices, end: Indices) -> Reals:
-    """Sum of rows begin..end, both included, column by column."""
+    """Sum rows begin..end, both included, column by column."""
     running = np.vstack((np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)))
     return np.asarray(np.take_along_axis(running, end + 1, axis=0) - np.take_along_axis(running, begin, axis=0))

@@ -215,7 +215,10 @@ def _name_channel(
     *,
     goes_on: bool,
 ) -> Channel:
-    """Name a channel by its letter. goes_on : whether code periods were counted on since the old signal was lost."""
+    """Give a channel the letter of its signal: the old signal's if it continues that, else the next one.
+
+    goes_on : whether code periods were counted on since the old signal was lost.
+    """
     if old is None:
         number = letters.get(channel.sat, 0)
         letters[channel.sat] = number + 1

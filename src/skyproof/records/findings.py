@@ -351,7 +351,7 @@ class Finding(ShortRepr):
 
     @property
     def failed(self) -> bool:
-        """Return whether a clean sky was rejected and a benign cause remains."""
+        """Tell whether the test rejects a clean sky and leaves a benign cause open."""
         return bool(self.may_also_be) and self.says == "undecided"
 
     @property

@@ -143,7 +143,7 @@ def path(x: Reals, y: Reals, css: str) -> Markup:
 
 
 def symbol(x: float, y: float, label: Label, size: float = 5.5) -> Markup:
-    """Draw one shape per label, so that colour is not needed."""
+    """Draw a label's shape, readable without colour: disc true, diamond false, triangle echo, square unknown."""
     if label == "authentic":
         return circle(x, y, size, "symbol authentic")
     shapes = {

@@ -19,7 +19,7 @@ throw carriers about by 5 cm a second, so its processes have a rate as well, cor
 Sources: sigma of reflections RTCA DO-229D, J.2.4 (airborne; a car in a street has several times as much); obliquity of
 the ionosphere A.4.4.10.4, of the troposphere and its 0.12 m A.4.2.4. Klobuchar's model leaves half of the ionosphere in
 the rms (IS-GPS-200N, 20.3.3.5.2.5): 1.5 m vertical at middle latitudes. How long and how far is our choice: minutes as
-satellites move through the reflections, the size of a weather front, half an hour of the sun's way.
+satellites move through the reflections, the size of a weather front, half an hour of the sun's motion.
 """
 
 import math
@@ -106,18 +106,18 @@ class Exposure:
     """What an antenna receives, when: epochs number `first` and on, `interval_s` apart, since an instant that all
     share.
 
-    el_rad : (n_epochs, n_ways) of the satellite where the signal left the air.
+    el_rad : (n_epochs, n_paths) of the satellite where the signal left the air.
     """
 
     receiver: str
-    ways: tuple[SignalPath, ...]
+    paths: tuple[SignalPath, ...]
     first: int
     el_rad: Reals
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FieldError:
-    """Of code in metres and of carrier in cycles, late is positive: (*draws, n_epochs, n_ways)."""
+    """Of code in metres and of carrier in cycles, late is positive: (*draws, n_epochs, n_paths)."""
 
     code_m: Reals
     carrier_cyc: Reals
@@ -156,26 +156,26 @@ def draw_field_errors(
 def _draw_error(model: FieldErrors, exposure: Exposure, world: "_World", draws: tuple[int, ...]) -> FieldError:
     shape = (*draws, *exposure.el_rad.shape)
     code_m, carrier_cyc = np.zeros(shape), np.zeros(shape)
-    for column, way in enumerate(exposure.ways):
+    for column, path in enumerate(exposure.paths):
         el_rad = exposure.el_rad[:, column]
-        wavelength_m, slower = SPEED_OF_LIGHT_M_S / way.carrier_hz, (L1_HZ / way.carrier_hz) ** 2
-        band = "" if way.carrier_hz == L1_HZ else f" {way.carrier_hz:.0f}"
+        wavelength_m, slower = SPEED_OF_LIGHT_M_S / path.carrier_hz, (L1_HZ / path.carrier_hz) ** 2
+        band = "" if path.carrier_hz == L1_HZ else f" {path.carrier_hz:.0f}"
         reflections = []
-        if way.transmitter:
+        if path.transmitter:
             sigma_m = np.broadcast_to(model.multipath_sigma_m(0.0), el_rad.shape)
-            reflections.append((f"{exposure.receiver}<{way.transmitter}", sigma_m))
+            reflections.append((f"{exposure.receiver}<{path.transmitter}", sigma_m))
         else:
-            reflections.append((f"{exposure.receiver}<{way.sat}", model.multipath_sigma_m(el_rad)))
-        if way.relay:
-            reflections.append((f"{way.relay}<{way.sat}", model.multipath_sigma_m(el_rad)))
+            reflections.append((f"{exposure.receiver}<{path.sat}", model.multipath_sigma_m(el_rad)))
+        if path.relay:
+            reflections.append((f"{path.relay}<{path.sat}", model.multipath_sigma_m(el_rad)))
         for name, sigma_m in reflections:
             of_code, of_carrier = world.reflection(name + band, exposure)
             code_m[..., column] += sigma_m * of_code
             turned = model.carrier_cyc_a_m * sigma_m * of_carrier
             carrier_cyc[..., column] += _QUARTER_CYC * np.tanh(turned / _QUARTER_CYC)
-        if way.air_ecef_m is not None:
-            ionosphere_m = slower * compute_ionosphere_obliquity(el_rad) * world.air("ionosphere", way, exposure)
-            troposphere_m = compute_troposphere_obliquity(el_rad) * world.air("troposphere", way, exposure)
+        if path.air_ecef_m is not None:
+            ionosphere_m = slower * compute_ionosphere_obliquity(el_rad) * world.air("ionosphere", path, exposure)
+            troposphere_m = compute_troposphere_obliquity(el_rad) * world.air("troposphere", path, exposure)
             code_m[..., column] += troposphere_m + ionosphere_m
             carrier_cyc[..., column] += (troposphere_m - ionosphere_m) / wavelength_m
     return FieldError(code_m=code_m, carrier_cyc=carrier_cyc)
@@ -193,9 +193,9 @@ class _World:
             raise ValueError("epochs are counted from an instant before all of them")
         self.places: dict[str, list[Reals]] = {}  # of each satellite, where its signals left the air
         for exposure in exposures:
-            for way in exposure.ways:
-                if way.air_ecef_m is not None and self._place(way) is None:
-                    self.places.setdefault(way.sat, []).append(way.air_ecef_m)
+            for path in exposure.paths:
+                if path.air_ecef_m is not None and self._place(path) is None:
+                    self.places.setdefault(path.sat, []).append(path.air_ecef_m)
         self.made: dict[str, Reals] = {}
 
     def reflection(self, name: str, exposure: Exposure) -> tuple[Reals, Reals]:
@@ -208,15 +208,15 @@ class _World:
         window = self._window(self.made[name], exposure)
         return window[..., 0], window[..., 1]
 
-    def air(self, what: str, way: SignalPath, exposure: Exposure) -> Reals:
-        """Draw the vertical error of the air, in metres, (*draws, n_epochs), at the place of a way."""
-        name, model = f"{what} {way.sat}", self.model
+    def air(self, what: str, path: SignalPath, exposure: Exposure) -> Reals:
+        """Draw the vertical error of the air, in metres, (*draws, n_epochs), at the place of a path."""
+        name, model = f"{what} {path.sat}", self.model
         sigma_m, correlation_s, reach_km = {
             "ionosphere": (model.ionosphere_m, model.ionosphere_s, model.ionosphere_km),
             "troposphere": (model.troposphere_m, model.troposphere_s, model.troposphere_km),
         }[what]
         if name not in self.made:
-            places_m = np.stack(self.places[way.sat])
+            places_m = np.stack(self.places[path.sat])
             apart_km = 1e-3 * np.linalg.norm(places_m[:, np.newaxis] - places_m, axis=-1)
             alike = _factor_lower(np.exp(-0.5 * (apart_km / reach_km) ** 2))
             keep, drive = _compute_smooth_step(self.interval_s / correlation_s)
@@ -224,13 +224,13 @@ class _World:
             for place in range(len(places_m)):
                 _fill_smooth_paths(paths[:, :, place], self._draw_normals(f"{name} {place}"), keep, drive)
             self.made[name] = sigma_m * paths @ alike.T
-        number = self._place(way)
+        number = self._place(path)
         assert number is not None
         return self._window(self.made[name], exposure)[..., number]
 
-    def _place(self, way: SignalPath) -> int | None:
-        known = enumerate(self.places.get(way.sat, []))
-        return next((number for number, place in known if bool((place == way.air_ecef_m).all())), None)
+    def _place(self, path: SignalPath) -> int | None:
+        known = enumerate(self.places.get(path.sat, []))
+        return next((number for number, place in known if bool((place == path.air_ecef_m).all())), None)
 
     def _window(self, paths: Reals, exposure: Exposure) -> Reals:
         """Cut (n_epochs, all draws, n) to what an antenna receives of it, (*draws, n_epochs, n)."""

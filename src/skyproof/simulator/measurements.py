@@ -60,7 +60,7 @@ class NoiseModel:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class IdealMeasurements:
-    """One receiver's measurements without noise: (n_epochs, n_signals), NaN while a signal is not there."""
+    """One receiver's measurements without noise: (n_epochs, n_signals), NaN while a signal is absent."""
 
     receiver: str
     signals: tuple[SignalId, ...]
@@ -77,7 +77,7 @@ class IdealMeasurements:
     exposure: Exposure
 
     @property
-    def there(self) -> Booleans:
+    def present(self) -> Booleans:
         return np.isfinite(self.pseudorange_m)
 
 
@@ -110,11 +110,11 @@ def make_ideal_measurements(
     An epoch is a mean over `interval_s`, centred on it, so it needs that much of the recording around it. Receivers
     share the labels, while their true times differ by their clock errors.
 
-    pulled : with what other signals of the satellite and reflections do to each, see `overlap_bias.compute_pull`; else
-        each is measured as if alone.
+    pulled : whether other signals of the satellite and reflections pull each signal, by `overlap_bias.compute_pull`;
+        else each is measured as if alone.
     kinds : what each satellite sends, and how each receiver delays it; the first signal of its system alone if absent.
 
-    Raises ValueError for `kinds` that are to be `pulled`: what overlaps on a band is known of the first signal only.
+    Raises ValueError for `kinds` with `pulled`: what overlaps is known on the band of the first signal only.
     """
     if pulled and kinds is not None:
         raise ValueError("pulled measurements have one kind of signal; leave kinds or pulled out")
@@ -131,8 +131,8 @@ def draw(
 ) -> tuple[tuple[Observations, ...], dict[SignalRef, str]]:
     """Draw one window of noisy observations per receiver, and the labels of the signals in them.
 
-    Copy "a" is authentic and "b" on false, unless `shuffle_copies`: then the letters of each satellite's copies are
-    dealt at random in each receiver, so that they carry no information.
+    Copy "a" is authentic and those from "b" on are false. With `shuffle_copies` the letters of each satellite's copies
+    are dealt at random in each receiver, so that they carry no information.
     """
     noise = noise if noise is not None else NoiseModel()
     observations: list[Observations] = []
@@ -189,7 +189,7 @@ def _make_geometry(scene: Scene, index: int, interval_s: float, pulled: bool) ->
     shown_s: Reals = interval_s * np.arange(first, last + 1, dtype=np.float64) - off_grid_s  # since the scene's start
     elapsed_s = shown_s - shown_at_start_s
 
-    # middles of the epochs' means and their ends, which neighbours share; true time is what has elapsed and a bit
+    # knots are the middles and ends of the epochs' means; neighbours share ends
     knots_s = half_s * np.arange(2 * first - 1, 2 * last + 2, dtype=np.float64) - off_grid_s - shown_at_start_s
     late_s = sky.true_minus_elapsed_s(knots_s)
     known_s = knots_s + late_s
@@ -251,11 +251,11 @@ def _expand_kinds(geometry: IdealMeasurements, scene: Scene, kinds: Sequence[Kin
         assert ephemeris is not None
         delay_m[n] = kind.satellite_delay_m(ephemeris) + kind.receiver_delay_m.get(geometry.receiver, 0.0)
         carrier_hz[n] = kind.carrier_hz(ephemeris)
-    more = (L1_HZ / carrier_hz) ** 2 - 1.0  # of the ionosphere than on L1
+    more = (L1_HZ / carrier_hz) ** 2 - 1.0  # the ionosphere's delay beyond that on L1, over that on L1
     air_m = SPEED_OF_LIGHT_M_S * geometry.air_s[:, columns]
     rate_m_s = np.gradient(air_m, geometry.elapsed_s, axis=0) if len(air_m) > 1 else np.zeros_like(air_m)
     wave_m, first_m = SPEED_OF_LIGHT_M_S / carrier_hz, SPEED_OF_LIGHT_M_S / geometry.carrier_hz[columns]
-    ways = geometry.exposure.ways
+    paths = geometry.exposure.paths
     return replace(
         geometry,
         signals=tuple(replace(geometry.signals[c], band=k.band, code=k.code) for c, k in picked),
@@ -268,7 +268,7 @@ def _expand_kinds(geometry: IdealMeasurements, scene: Scene, kinds: Sequence[Kin
         carrier_hz=carrier_hz,
         exposure=replace(
             geometry.exposure,
-            ways=tuple(replace(ways[c], carrier_hz=float(hz)) for c, hz in zip(columns, carrier_hz, strict=True)),
+            paths=tuple(replace(paths[c], carrier_hz=float(hz)) for c, hz in zip(columns, carrier_hz, strict=True)),
             el_rad=geometry.exposure.el_rad[:, columns],
         ),
     )
@@ -281,14 +281,14 @@ def _number_first_epoch(scene: Scene, off_grid_s: float, interval_s: float) -> i
 
 
 def _make_exposure(scene: Scene, sky: ReceiverSky, kept: Integers, true_s: Reals, first: int) -> Exposure:
-    """Describe the ways of signals.
+    """Describe the paths by which signals reach an antenna.
 
-    The air is where it is in the scene's middle, as a scene's ways are short beside it.
+    The air is taken where the scene's middle has it, since a scene is short beside the extent of the air's errors.
     """
     attacks = dict(zip(scene.scenario.attack_names, zip(scene.scenario.attacks, scene.shown, strict=True), strict=True))
     middle_s = true_s[true_s.size // 2 :][:1]
 
-    def way(received: ReceivedSignal) -> SignalPath:
+    def path_of(received: ReceivedSignal) -> SignalPath:
         if received.source not in attacks:
             return SignalPath(sat=received.id.sat, air_ecef_m=_find_first_place(sky.point, middle_s))
         attack, shown = attacks[received.source]
@@ -306,7 +306,10 @@ def _make_exposure(scene: Scene, sky: ReceiverSky, kept: Integers, true_s: Reals
     share = ((true_s - sky.knots_s[at]) / (sky.knots_s[at + 1] - sky.knots_s[at]))[:, np.newaxis]
     el_rad = sky.el_rad[at] * (1.0 - share) + sky.el_rad[at + 1] * share
     return Exposure(
-        receiver=sky.name, ways=tuple(way(sky.signals[column]) for column in kept), first=first, el_rad=el_rad[:, kept]
+        receiver=sky.name,
+        paths=tuple(path_of(sky.signals[column]) for column in kept),
+        first=first,
+        el_rad=el_rad[:, kept],
     )
 
 
@@ -340,7 +343,7 @@ def _make_observations(
         pseudorange_m += field.code_m
         carrier_cyc += field.carrier_cyc
     columns = np.asarray(order, dtype=np.intp)
-    present = geometry.there[:, columns]
+    present = geometry.present[:, columns]
     first = present.argmax(axis=0)
     found_s = geometry.elapsed_s[first] - 0.5 * geometry.averaged_s
     return Observations(

@@ -181,8 +181,6 @@ class PiecewisePath:
     """Pieces, each in a plane of its own: straight, or with a curvature that changes by a smooth step.
 
     Before the first piece and behind the last one it continues straight. Fields are arrays with a row for each piece.
-
-    Before the first piece and behind the last one it continues straight. Fields are arrays with a row for each piece.
     """
 
     frame: Frame

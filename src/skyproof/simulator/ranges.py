@@ -60,6 +60,8 @@ class Orbits:
         """Compute what points (n, 3) see at times of reception (n,).
 
         columns : of the satellites wanted; all if absent.
+
+        Raises ValueError if a time lies outside of `first_s` to `last_s`.
         """
         at_s = np.atleast_1d(np.asarray(received_s, np.float64))
         if at_s.size and not (at_s.min() >= self.first_s and at_s.max() <= self.last_s):

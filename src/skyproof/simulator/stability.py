@@ -28,7 +28,7 @@ IMU_S: Final = 6000.0
 IMU_UNITS: Final = 4  # of three axes each
 CLOCK_S: Final = 500.0
 CLOCK_RUNS: Final = 8
-CLOCK_EVERY: Final = 16  # knots from one phase to the next: nothing is lost at longer averaging times
+CLOCK_EVERY: Final = 16  # knots from one phase to the next; longer averaging times need no closer ones
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -36,7 +36,7 @@ class Stability:
     """The Allan deviation of generated data at averaging times tau_s (n,), and what theory says there.
 
     deviation : (n,) root of the mean variance of several runs. lower, upper : (n,) its 90 % limits by the runs' own
-        spread, which supposes no kind of noise. what : the quantity, given in `unit`.
+        spread, which assumes no kind of noise. what : the quantity, given in `unit`.
     """
 
     name: str
@@ -57,7 +57,7 @@ def measure_imu_stability(*, seed: int = 0) -> list[Stability]:
 
     A turn-on bias does not show here.
     """
-    found = []
+    results = []
     n_blocks = int(np.ceil(IMU_S * IMU_HZ / BLOCK))
     for number, name in enumerate(("navigation", "tactical")):
         grade = GRADES[name]
@@ -70,8 +70,8 @@ def measure_imu_stability(*, seed: int = 0) -> list[Stability]:
         )
         for first, (quantity, unit, theory) in zip((0, 3), theories, strict=True):
             runs = phase[:, first : first + 3].reshape(3 * IMU_UNITS, -1)
-            found.append(_measure_stability(name, quantity, unit, runs, 1.0 / IMU_HZ, theory))
-    return found
+            results.append(_measure_stability(name, quantity, unit, runs, 1.0 / IMU_HZ, theory))
+    return results
 
 
 def measure_clock_stability(*, seed: int = 0) -> list[Stability]:
@@ -79,33 +79,33 @@ def measure_clock_stability(*, seed: int = 0) -> list[Stability]:
     interval_s = CLOCK_EVERY * STEP_S
     at_s = np.arange(0.0, CLOCK_S, interval_s)
     noisy = {name: o for name, o in OSCILLATORS.items() if max(o.white_s, o.flicker, o.walk_hz) > 0.0}
-    found = []
+    results = []
     for number, (name, oscillator) in enumerate(noisy.items()):
         streams = range(CLOCK_RUNS * number, CLOCK_RUNS * (number + 1))
         runs = [make_clock(oscillator, seed=seed, stream=s, duration_s=CLOCK_S).offset_s(at_s) for s in streams]
-        found.append(
+        results.append(
             _measure_stability(name, "oscillator", "s/s", np.stack(runs), interval_s, oscillator.allan_deviation)
         )
-    return found
+    return results
 
 
 def _measure_stability(
     name: str, what: str, unit: str, phase: Reals, interval_s: float, theory: Callable[[Reals], Reals]
 ) -> Stability:
-    """Measure runs (n_runs, n) of a phase; averaging times to a tenth of their length, three a factor of ten."""
+    """Measure runs (n_runs, n) of a phase, at three averaging times a decade up to a tenth of their length."""
     longest = phase.shape[-1] / 10.0
     steps = np.geomspace(1.0, longest, int(3.0 * np.log10(longest)) + 1)
-    got = allan_deviation(phase, interval_s, sorted({int(step) for step in steps}))
-    variance = got.deviation**2
+    measured = allan_deviation(phase, interval_s, sorted({int(step) for step in steps}))
+    variance = measured.deviation**2
     mean = variance.mean(axis=0)
-    reach = scipy.special.stdtrit(len(phase) - 1, 0.95) * variance.std(axis=0, ddof=1) / np.sqrt(len(phase))
+    half_width = scipy.special.stdtrit(len(phase) - 1, 0.95) * variance.std(axis=0, ddof=1) / np.sqrt(len(phase))
     return Stability(
         name=name,
         what=what,
         unit=unit,
-        tau_s=got.tau_s,
+        tau_s=measured.tau_s,
         deviation=np.sqrt(mean),
-        lower=np.sqrt(np.maximum(mean - reach, 0.01 * mean)),
-        upper=np.sqrt(mean + reach),
-        theory=theory(got.tau_s),
+        lower=np.sqrt(np.maximum(mean - half_width, 0.01 * mean)),
+        upper=np.sqrt(mean + half_width),
+        theory=theory(measured.tau_s),
     )

@@ -52,6 +52,8 @@ def outsider_statistic(
 ) -> Reals:
     """Compute the squared norm of a vector's distance from a group's mean, (...).
 
+    It is chi-square with d degrees if the vector belongs to the group.
+
     Parameters
     ----------
     value, mean : (..., d). covariance, of_mean : (..., d, d).
@@ -62,7 +64,7 @@ def outsider_statistic(
 
 
 def noncentrality_for_power(power: ArrayLike, false_alarm_probability: ArrayLike, dof: ArrayLike) -> Reals:
-    """Compute the noncentrality at which a chi-square test has this power."""
+    """Compute the noncentrality at which a chi-square test has this power: 27.4145 for 0.99 at 0.01 with 2 degrees."""
     threshold = chi_square_threshold(false_alarm_probability, dof)
     return np.asarray(special.chndtrinc(threshold, dof, 1.0 - np.asarray(power, np.float64)), float)
 

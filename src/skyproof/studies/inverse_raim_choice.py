@@ -101,7 +101,7 @@ def inverse_raim(
 def innovations(unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike, choice: Integers) -> Reals:
     """Compute each signal (n, c) against the fix of the set `choice` (n,), over its sigma.
 
-    NaN for the set's own signals.
+    Outside the set, signals of that sky are standard normal; the set's own are NaN.
     """
     design = design_matrix(np.asarray(unit, np.float64))
     misfit = np.array(np.atleast_2d(misfit_m), np.float64)

@@ -249,7 +249,7 @@ def _judge(
 ) -> Iterator[Row]:
     """Yield a row per detector, over all skies.
 
-    drawn : for each of them errors of code and, if it is judged, of carrier.
+    drawn : for each sky errors of the codes, and of the carriers if those are judged.
     """
     for detector, each in _decisions(names, window_s, drawn):
         ours = [decision for decision in each if isinstance(decision, Groups)]

@@ -32,7 +32,7 @@ from skyproof.simulator.sky import make_scene
 __all__ = ["BuiltScene", "DrawnAttack", "DrawnScene", "build_scene", "default_sigma_m", "draw_scene"]
 
 Vector = tuple[float, float, float]
-StepCollector = Literal["nothing", "distance", "positions"]
+Knowledge = Literal["nothing", "distance", "positions"]
 
 SEED = 1
 KINDS = ("clean", "attack", "several")
@@ -109,7 +109,7 @@ class DrawnScene:
     ar1: float
     constant_m: float
     field: bool
-    given: StepCollector
+    given: Knowledge
     given_error: float
     attack: DrawnAttack | None = None
 

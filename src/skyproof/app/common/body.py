@@ -5,11 +5,11 @@ The attitude comes from the inertial navigator that fixes corrected in earlier w
 Where neither reaches, it is the attitude stated for the body. The place of a receiver's antenna comes
 
 - from the platform file, where the receiver is surveyed and does not move: then it is known, with its covariance;
-- from another receiver that is surveyed, as far off as the two may be apart;
+- from another receiver that is surveyed, with the largest distance between the two as its error;
 - else from what the signals of the window themselves show, which may be false. It is used for one thing: to say where
-  north and the vertical are. The state then has an infinite variance of position, so no one uses it as a position, and
-  the attitude's variance holds for each of the positions that signals show in the window: signals that are true have a
-  covariance that is, and those that are false gain nothing by it.
+  north and the vertical are. The state then has an infinite variance of position, so nothing takes it for a position.
+  The attitude's variance covers every position that signals show in the window. So it holds for true signals, and
+  false ones gain nothing by it.
 
 Neither velocity nor position of the navigator is used here.
 """
@@ -60,7 +60,7 @@ __all__ = [
     "with_logged_imu",
 ]
 
-_PIECE_S: Final = 10.0  # of readings that are worked on at once
+_PIECE_S: Final = 10.0  # of readings that are integrated at once
 _EQUATOR: Final = ecef_from_geodetic(0.0, 0.0, 0.0)
 
 
@@ -84,10 +84,10 @@ class BodyFiles:
         if readings is None and body is not None:
             readings = body.readings
         if self.imu is not None:
-            words = _coverage(readings, run) or (_UNALIGNED if self.initial is None else ())
+            words = _remark_on_coverage(readings, run) or (_UNALIGNED if self.initial is None else ())
             yield self.imu.source, "inertial readings", self.imu.remarks + words
         if self.attitude is not None:
-            yield self.attitude.source, "attitude", self.attitude.remarks + _coverage(stated, run)
+            yield self.attitude.source, "attitude", self.attitude.remarks + _remark_on_coverage(stated, run)
 
 
 _UNALIGNED: Final = (
@@ -101,7 +101,7 @@ def with_stored_readings(files: BodyFiles, workspace: Workspace) -> BodyFiles:
     return replace(files, imu=store_readings(files.imu, workspace)) if isinstance(files.imu, ImuFile) else files
 
 
-def _coverage(series: InertialReadings | Attitude | None, run: Records) -> tuple[str, ...]:
+def _remark_on_coverage(series: InertialReadings | Attitude | None, run: Records) -> tuple[str, ...]:
     """Report the part of a run that a series leaves out. A run whose signals gave no time has a remark elsewhere."""
     if series is None or series.gpst.size == 1 or np.isnat(run.start_gpst):  # one alone holds at all times
         return ()
@@ -156,7 +156,7 @@ def with_logged_imu(
         where=lambda row: f"{path}: inertial reading {row + 1}",
     )
     imu = imu_from_rows(table, rot_body_unit=None if unit is None else unit.rotation)
-    initial = None if unit is None else _initial_of(unit, imu, where)
+    initial = None if unit is None else _read_initial(unit, imu, where)
     sums = {**files.sums, path: compute_sha256(path)}
     return with_imu(platform, path), replace(files, imu=imu, initial=initial, sums=sums)
 
@@ -176,20 +176,20 @@ def open_body(platform: Platform, where: str = "the platform file") -> BodyFiles
     if unit is None or unit.file is None:
         return BodyFiles(attitude=attitude, sums=sums)
     imu = read_imu(unit.file, rot_body_unit=unit.rotation)
-    return BodyFiles(imu=imu, attitude=attitude, initial=_initial_of(unit, imu, where), sums=sums)
+    return BodyFiles(imu=imu, attitude=attitude, initial=_read_initial(unit, imu, where), sums=sums)
 
 
-def _initial_of(unit: PlatformImu, imu: ImuFile, where: str) -> Attitude | None:
+def _read_initial(unit: PlatformImu, imu: ImuFile, where: str) -> Attitude | None:
     """Return the attitude stated at the first reading. Raises SettingsError if gravity says otherwise."""
     if unit.initial is None:
         return None
     turn = unit.initial
-    initial = _angles(turn.heading_deg, turn.pitch_deg, turn.roll_deg, turn.sigma_deg)
+    initial = _make_attitude(turn.heading_deg, turn.pitch_deg, turn.roll_deg, turn.sigma_deg)
     _require_upright(imu, initial, where)
     return initial
 
 
-def _angles(heading_deg: float, pitch_deg: float, roll_deg: float, sigma_deg: float) -> Attitude:
+def _make_attitude(heading_deg: float, pitch_deg: float, roll_deg: float, sigma_deg: float) -> Attitude:
     return Attitude(
         gpst=np.array([np.datetime64(0, "ns")]),
         angles_rad=np.radians([[heading_deg, pitch_deg, roll_deg]]),
@@ -262,7 +262,7 @@ def body_of(
         sigma_rad = float(np.hypot(attitude.sigma_rad, estimate_interpolation_sigma_rad(attitude)))
         attitude = replace(attitude, sigma_rad=sigma_rad)
     elif stated is not None and stated.heading_deg is not None and platform.motion != "moving":
-        attitude = _angles(stated.heading_deg, stated.pitch_deg, stated.roll_deg, stated.sigma_deg)
+        attitude = _make_attitude(stated.heading_deg, stated.pitch_deg, stated.roll_deg, stated.sigma_deg)
     if files.imu is not None and unit is not None:
         readings = files.imu.series(zero_gpst if unit.start_gpst is None else unit.start_gpst)
     if attitude is None and readings is None:
@@ -272,11 +272,13 @@ def body_of(
         readings=readings,
         initial=files.initial,
         grade=None if unit is None else unit.errors,
-        places={} if platform.motion == "moving" else _places(names, tables, apart_m),
+        places={} if platform.motion == "moving" else _collect_places(names, tables, apart_m),
     )
 
 
-def _places(names: Sequence[str], tables: Mapping[str, PlatformReceiver], apart_m: float) -> dict[str, KnownPlace]:
+def _collect_places(
+    names: Sequence[str], tables: Mapping[str, PlatformReceiver], apart_m: float
+) -> dict[str, KnownPlace]:
     """Collect where each receiver's first antenna stands."""
     surveyed = {name: place for name in names if name in tables and (place := tables[name].position) is not None}
     if not surveyed:
@@ -311,7 +313,7 @@ def body_states(
     The states share the attitude; the position is that of the receiver's own antenna. navigators : of receivers, as
     windows before this one corrected them.
     """
-    set_places_ecef_m = [each_state.position_ecef_m for each_state in records.sets]
+    set_places_ecef_m = [each_set.position_ecef_m for each_set in records.sets]
     path, carried = _follow_navigator(navigators or {}, records, carried)
     if path is not None:
         level = path.position_ecef_m[path.gpst.size // 2]
@@ -320,7 +322,7 @@ def body_states(
             body, records, carried, [place.ecef_m for place in body.places.values()] or set_places_ecef_m
         )
         level = carried.begun_ecef_m
-    received = (*(o.receiver for o in records.observations), *(each_state.receiver for each_state in records.sets))
+    received = (*(o.receiver for o in records.observations), *(each_set.receiver for each_set in records.sets))
     states = {}
     for name in dict.fromkeys((*body.places, *received)):
         state = _state_at_place(body, records, path, level, body.places.get(name), set_places_ecef_m)

@@ -175,7 +175,10 @@ class PlatformReceiver(Model):
     def _of_one_antenna(cls, spin: PlatformSpin | None, info: ValidationInfo) -> PlatformSpin | None:
         count = max(len(info.data.get(key) or ()) for key in ("inputs", "antennas_m", "line_bias_cyc"))
         if spin is not None and count > 1:
-            raise ValueError(f"turns one antenna, but the receiver has {count}; give the one that turns a receiver")
+            raise ValueError(
+                f"turns one antenna, but the receiver has {count}; "
+                "describe the turning antenna as a receiver of its own"
+            )
         return spin
 
     @property

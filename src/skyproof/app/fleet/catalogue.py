@@ -114,9 +114,9 @@ def _require_columns(names: list[str], where: str) -> None:
                 "columns: name, inputs, nav, imu, platform, and settings"
             )
         if names.count(name) > 1:
-            raise InputError(f"{where}: column {name!r} stands there twice; leave one out")
+            raise InputError(f"{where}: column {name!r} is named twice; remove one")
     if not {"inputs", "platform"} & set(names):
-        raise InputError(f"{where}: no column inputs, nor platform; one of them says what each line works on")
+        raise InputError(f"{where}: neither a column inputs nor a column platform; give one of them")
 
 
 def _item(cells: dict[str, str], where: str) -> CatalogueItem:

@@ -1,8 +1,8 @@
-"""A recording that nothing describes: what it may be, ranked by what a search finds, and the sidecar that describes it.
+"""Guess how to read a recording that nothing describes, and rank the ways by what a search finds.
 
-What the bytes may mean comes from their statistics, how many samples a code period takes and where the carrier lies
-from what repeats in them, and whether all that is right from a search for satellites. The file's name and a WAV header
-are hints, which are tried and not believed.
+The statistics of the bytes show their meaning. What repeats in them shows how many samples a code period takes and
+where the carrier lies. A search for satellites shows whether all that is right. The file's name and a WAV header are
+hints, which are tried and not believed.
 """
 
 import math
@@ -30,13 +30,13 @@ from skyproof.recording.repetition import LEAST_SAMPLES, Repetition, choose_leng
 __all__ = ["Guess", "Proposal", "guess"]
 
 
-_LOOKED_AT: Final = 1 << 20  # bytes, for their statistics
+_STATISTICS_BYTES: Final = 1 << 20  # of the file's bytes
 _FIRST_LENGTH, _SECOND_LENGTH, _LOOKED_AGAIN = 1 << 19, 1 << 21, 3  # samples, and in how many readings
 _MOST_READINGS: Final = 6
-_NICE_HZ: Final = 100e6  # clocks that rates are whole parts of
+_NICE_HZ: Final = 100e6  # a clock whose whole parts are usual rates
 _PERIODS: Final = 10
 _STEP_HZ: Final = 500.0
-_MOST_WIDE: Final = 3  # searches of that kind, which take as long as ten others
+_MOST_WIDE: Final = 3  # searches over all carriers, which take as long as ten others
 
 USUAL_RATES_HZ: Final = (
     2.046e6,
@@ -84,7 +84,7 @@ USUAL_RATES_HZ: Final = (
     61.44e6,
     99.375e6,
 )
-"""Of front ends and of public recordings."""
+"""Sample rates of front ends and of public recordings."""
 USUAL_IFS_HZ: Final = (
     0.0,
     0.42e6,
@@ -113,9 +113,9 @@ _TRIED_BLIND: Final = (4e6, 2.048e6, 16.368e6, 2.6e6)
 
 @dataclass(frozen=True)
 class Woven:
-    """Channels whose samples take turns.
+    """Interleaved channels.
 
-    turn : samples of the reading as one channel until the first channel comes again.
+    turn : number of samples, read as one channel, until the first channel comes again.
     """
 
     channels: int
@@ -130,10 +130,11 @@ class Proposal:
 
     sources : where each key of the layout comes from, in words.
     round_rate : whether the rate is one that people choose; another one is as exact as it could be measured.
-    satellites : of the search, by name, with C/N0. log10_chance : that noise alone makes so much in all that was tried,
-        as its decimal logarithm, 0 where nothing was found. power : of all signals found over the noise.
-    woven : the channels that the file seems to interleave: then no reading of one channel is right. None if of one.
-        Looked at in the best proposal only. peaks : what the search found, Dopplers off `layout.if_hz`.
+    satellites : found by the search, by name, with C/N0. power : of all signals found, over the noise.
+    log10_chance : decimal logarithm of the probability that noise alone makes so much in all that was tried; 0 if
+        nothing was found.
+    woven : the channels that the file seems to interleave, by which no reading as one channel is right; None for one
+        channel, and in all but the best proposal. peaks : what the search found, Dopplers off `layout.if_hz`.
     """
 
     layout: SampleLayout
@@ -169,7 +170,7 @@ class Proposal:
         }
 
 
-def _numbers(layout: SampleLayout) -> str:
+def _describe_numbers(layout: SampleLayout) -> str:
     if layout.encoding == "sign":
         return "signs of one bit"
     words = {"int": "whole numbers", "float": "floats"}.get(layout.encoding, f"{layout.encoding} numbers")
@@ -195,25 +196,27 @@ class Guess:
         best = self.proposals[0].layout
         if woven := self.proposals[0].woven:
             return (
-                f"it looks like {woven.words} whose samples take turns, so that every reading as one channel mixes "
-                f"them. Say how many there are: `skyproof inspect {self.path} --channels {woven.channels} "
+                f"it seems to interleave {woven.words}, and reading it as one channel mixes them. State their number: "
+                f"`skyproof inspect {self.path} --channels {woven.channels} "
                 f"--rate-hz {best.rate_hz / woven.turn:.10g} --kind {woven.kind} --encoding {best.encoding} "
-                f"--bits {best.bits}{_order_option(best)}`, with --if-hz where L1 does not lie at zero; then write it "
+                f"--bits {best.bits}{_write_order_option(best)}`, with --if-hz if L1 is not at zero; then write it "
                 "into the sidecar (channels, rate_hz, kind, encoding, bits)"
             )
         numbers = " or ".join(
-            dict.fromkeys(f"{proposal.layout.kind} {_numbers(proposal.layout)}" for proposal in self.proposals[:4])
+            dict.fromkeys(
+                f"{proposal.layout.kind} {_describe_numbers(proposal.layout)}" for proposal in self.proposals[:4]
+            )
         )
         return (
-            f"nothing says how to read it, and no {GPS_L1_CA.name} signal was found for certain in {self.tried} ways "
-            f"that were tried; by its bytes it holds {numbers}. Give what you know of the recorder, at least the rate: "
+            f"nothing states how to read it, and no {GPS_L1_CA.name} signal was found for certain in the {self.tried} "
+            f"ways tried; by its bytes it holds {numbers}. Give what you know of the recorder, at least the rate: "
             f"`skyproof inspect {self.path} --rate-hz RATE --kind {best.kind} --encoding {best.encoding} "
-            f"--bits {best.bits}`, with --if-hz where L1 does not lie at zero"
+            f"--bits {best.bits}`, with --if-hz if L1 is not at zero"
         )
 
 
 def guess(path: str | Path) -> Guess:
-    """Find out how to read a recording.
+    """Guess how to read a recording.
 
     Raises
     ------
@@ -233,7 +236,7 @@ def guess(path: str | Path) -> Guess:
             f"{path} is a RIFF file whose samples cannot be read; convert it to PCM WAV with 1 or 2 channels"
         )
     octets = FileBytes(path)
-    looks = list(_looks(octets, hints, wav))
+    looks = list(_iterate_looks(octets, hints, wav))
     if not looks:
         raise NotEnoughData(
             f"{path}: {size} bytes are too few to find out how to read them; give a longer recording, or its rate, "
@@ -244,20 +247,23 @@ def guess(path: str | Path) -> Guess:
     proposals = [trials.search(look) for look in [look for look in looks if look.repeats][:_MOST_READINGS]]
     if not trials.certain:
         clear = math.log10(POLICY.clear_probability)
-        doubtful = [look for look in looks if look.what.log10_chance > clear][:_LOOKED_AGAIN]
-        again = [replace(look, what=_measure_repetition(look.samples, _SECOND_LENGTH)) for look in doubtful]
+        doubtful = [look for look in looks if look.repetition.log10_chance > clear][:_LOOKED_AGAIN]
+        again = [replace(look, repetition=_measure_repetition(look.samples, _SECOND_LENGTH)) for look in doubtful]
         proposals += [trials.search(look) for look in again if look.repeats]
     if not any(proposal.satellites for proposal in proposals):
         proposals += [trials.search(look) for look in _try_usual_rates(looks)]
-    ranked = sorted(proposals, key=lambda one: (-one.power, one.log10_chance))
+    ranked = sorted(proposals, key=lambda proposal: (-proposal.power, proposal.log10_chance))
     if ranked and ranked[0].convincing:
         ranked[0] = replace(ranked[0], woven=_find_interleaved(octets, ranked[0]))
     return Guess(
-        path=path, proposals=tuple(_distinct(ranked))[:_MOST_READINGS], tried=trials.count, start_utc=hints.start_utc
+        path=path,
+        proposals=tuple(_drop_repeats(ranked))[:_MOST_READINGS],
+        tried=trials.count,
+        start_utc=hints.start_utc,
     )
 
 
-def _order_option(layout: SampleLayout) -> str:
+def _write_order_option(layout: SampleLayout) -> str:
     """Return the option that states the order of bits or bytes, if it is not the default."""
     if layout.packing.orders_bits and layout.bit_order != "msb-first":
         return f" --bit-order {layout.bit_order}"
@@ -267,7 +273,7 @@ def _order_option(layout: SampleLayout) -> str:
 def _find_interleaved(octets: FileBytes, proposal: Proposal) -> Woven | None:
     """Find the channels that a file interleaves; None if it has one."""
     layout = proposal.layout
-    samples = _samples(octets, layout.header_bytes, layout.packing)
+    samples = _open_samples(octets, layout.header_bytes, layout.packing)
     planes = samples.read(0, min(samples.n_samples, math.ceil(_PERIODS * GPS_L1_CA.period_s * layout.rate_hz)))
     planes -= planes.mean(axis=1, keepdims=True)
     signals = [
@@ -293,7 +299,7 @@ def _find_interleaved(octets: FileBytes, proposal: Proposal) -> Woven | None:
     return Woven(pairs, "complex", turn.samples, f"{pairs} complex channels{or_real}")
 
 
-def _distinct(proposals: Sequence[Proposal]) -> Iterator[Proposal]:
+def _drop_repeats(proposals: Sequence[Proposal]) -> Iterator[Proposal]:
     seen = set()
     for proposal in proposals:
         key = (proposal.layout.packing, proposal.layout.rate_hz if proposal.satellites else 0.0)
@@ -307,21 +313,21 @@ def _distinct(proposals: Sequence[Proposal]) -> Iterator[Proposal]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Look:
-    """The bytes in one reading. rank : among the packings that fit, the most probable 0."""
+    """The bytes, read in one way. rank : of its packing among those that fit, 0 for the most probable."""
 
     octets: FileBytes
     packing: Packing
     header_bytes: int
     rank: int
-    what: Repetition
+    repetition: Repetition
     hints: NameHints
     wav: WavHeader | None
     rate_hz: float | None = None
-    """Taken in place of what repeats."""
+    """Taken in place of the rate by repetition."""
 
     @property
     def samples(self) -> PackedSamples:
-        return _samples(self.octets, self.header_bytes, self.packing)
+        return _open_samples(self.octets, self.header_bytes, self.packing)
 
     @property
     def stated_rates(self) -> dict[str, float]:
@@ -331,17 +337,17 @@ class _Look:
 
     @property
     def repeats(self) -> bool:
-        return self.what.log10_chance < math.log10(POLICY.repeats_probability)
+        return self.repetition.log10_chance < math.log10(POLICY.repeats_probability)
 
     @property
     def order(self) -> tuple[bool, float]:
-        """Return the key that sorts looks: contradicted or imaged ones last, stronger repetition first."""
-        return self._contradicted or self.imaged, -self.what.strength
+        """Return the key by which looks are sorted: contradicted or imaged ones last, else by repetition."""
+        return self._contradicted or self.imaged, -self.repetition.strength
 
     @property
     def imaged(self) -> bool:
-        """Test whether complex samples show each signal twice, as real ones read so do."""
-        return self.repeats and self.what.mirrored_share > POLICY.imaged_share
+        """Test whether each signal shows twice, as real samples do that are read as complex ones."""
+        return self.repeats and self.repetition.mirrored_share > POLICY.imaged_share
 
     @property
     def _contradicted(self) -> bool:
@@ -352,8 +358,8 @@ class _Look:
         return self.packing.kind == "real"
 
 
-def _looks(octets: FileBytes, hints: NameHints, wav: WavHeader | None) -> Iterator[_Look]:
-    header = wav.header_bytes if wav else measure_header(octets[: 4 * _LOOKED_AT])
+def _iterate_looks(octets: FileBytes, hints: NameHints, wav: WavHeader | None) -> Iterator[_Look]:
+    header = wav.header_bytes if wav else measure_header(octets[: 4 * _STATISTICS_BYTES])
     if octets.size - header < LEAST_SAMPLES // 4:
         return
     if wav:
@@ -361,16 +367,16 @@ def _looks(octets: FileBytes, hints: NameHints, wav: WavHeader | None) -> Iterat
         packings = [(Packing(kind=kind, encoding=wav.encoding, bits=wav.bits), 0) for kind in kinds]  # type: ignore[arg-type]
     else:
         middle = header + (octets.size - header) // 2 // 48 * 48  # where numbers of any length begin
-        body = octets[middle : middle + _LOOKED_AT] if octets.size > 2 * _LOOKED_AT else octets[header:]
+        body = octets[middle : middle + _STATISTICS_BYTES] if octets.size > 2 * _STATISTICS_BYTES else octets[header:]
         packings = [
             (candidate.packing, candidate.header_bytes)
             for candidate in list_likely_packings(np.ascontiguousarray(body))
         ]
     for rank, (packing, skip) in enumerate(packings):
-        # behind a header that was found by its looks, Q may be what seems to be I
+        # a header that was found by statistics may end on Q, which then seems to be I
         n_starts = packing.numbers if header and not wav and not packing.orders_bits else 1
         for begin in (header + skip + number * packing.bits // 8 for number in range(n_starts)):
-            samples = _samples(octets, begin, packing)
+            samples = _open_samples(octets, begin, packing)
             if samples.n_samples >= LEAST_SAMPLES:
                 yield _Look(
                     octets=octets,
@@ -379,16 +385,16 @@ def _looks(octets: FileBytes, hints: NameHints, wav: WavHeader | None) -> Iterat
                     rank=rank,
                     hints=hints,
                     wav=wav,
-                    what=_measure_repetition(samples, _FIRST_LENGTH),
+                    repetition=_measure_repetition(samples, _FIRST_LENGTH),
                 )
 
 
-def _samples(octets: FileBytes, begin: int, packing: Packing) -> PackedSamples:
+def _open_samples(octets: FileBytes, begin: int, packing: Packing) -> PackedSamples:
     return PackedSamples(octets, packing, [Chunk(begin, max(octets.size - begin, 0) * 8 // packing.frame_bits)])
 
 
 def _measure_repetition(samples: PackedSamples, most: int) -> Repetition:
-    """Measure what repeats in so many samples at most."""
+    """Measure what repeats in at most so many samples."""
     planes = samples.read(0, choose_length(samples.n_samples, most))
     return find_repetition(planes[0] if samples.packing.kind == "real" else planes[0] + np.complex64(1j) * planes[1])
 
@@ -405,7 +411,7 @@ def _try_usual_rates(looks: Sequence[_Look]) -> Iterator[_Look]:
 
 
 class _Trials:
-    """Searches, and how many of them were made."""
+    """Searches for satellites, and how many of them were made."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -415,7 +421,7 @@ class _Trials:
     def search(self, look: _Look) -> Proposal:
         """Search one reading at its rate, around the carriers that are plausible, then around the one measured."""
         rate_hz, rate_source = _choose_rate(look)
-        measured_hz = look.what.carrier_cycles * rate_hz if look.rate_hz is None else None
+        measured_hz = look.repetition.carrier_cycles * rate_hz if look.rate_hz is None else None
         carriers = _list_carriers(look, rate_hz, measured_hz)
         found = self._search_carriers(look, rate_hz, carriers, POLICY.near_hz)
         few = len(found) < POLICY.fix_satellites
@@ -429,8 +435,8 @@ class _Trials:
         far = not look.real and abs(if_hz) > 0.25 * rate_hz
         unlikely = look.imaged * POLICY.image_costs_share + far * POLICY.far_carrier_costs_share
         return Proposal(
-            layout=_layout(look, rate_hz, if_hz),
-            sources=_sources(look, rate_source, if_source),
+            layout=_build_layout(look, rate_hz, if_hz),
+            sources=_name_sources(look, rate_source, if_source),
             round_rate=rate_hz in USUAL_RATES_HZ or rate_hz % 1e3 == 0.0 or rate_hz in look.stated_rates.values(),
             satellites=cn0s,
             log10_chance=min(0.0, log10_chance + math.log10(max(self.count, 1))) if found else 0.0,
@@ -479,8 +485,8 @@ def _choose_rate(look: _Look) -> tuple[float, str]:
     if look.rate_hz is not None:
         source = next((source for source, rate in stated.items() if rate == look.rate_hz), "guessed: a usual rate")
         return look.rate_hz, source
-    measured_hz = look.what.period_samples / GPS_L1_CA.period_s
-    within_hz = max(4.0 * look.what.period_sigma / GPS_L1_CA.period_s, 1e-6 * measured_hz)
+    measured_hz = look.repetition.period_samples / GPS_L1_CA.period_s
+    within_hz = max(4.0 * look.repetition.period_sigma / GPS_L1_CA.period_s, 1e-6 * measured_hz)
     for source, rate_hz in stated.items():
         if abs(rate_hz - measured_hz) < within_hz:
             return rate_hz, f"{source}; code period agrees"
@@ -521,9 +527,7 @@ def _choose_if(
 ) -> tuple[float, str]:
     """Choose the intermediate frequency: stated, usual or round, near the middle of the carriers.
 
-    A kilohertz or two off is the oscillator's error; an improbable frequency is worth several.
-
-    A kilohertz or two off is the oscillator's error; a frequency that no engineer would choose is worth several.
+    An error of a kilohertz or two is the oscillator's. A frequency that no engineer would choose counts like several.
     """
     if not found_hz:
         if measured_hz is None or not look.repeats:
@@ -541,7 +545,7 @@ def _choose_if(
     return if_hz + 0.0, "measured: amid the satellites"
 
 
-def _layout(look: _Look, rate_hz: float, if_hz: float) -> SampleLayout:
+def _build_layout(look: _Look, rate_hz: float, if_hz: float) -> SampleLayout:
     packing = look.packing
     keys: dict[str, Any] = {
         "rate_hz": rate_hz,
@@ -560,7 +564,7 @@ def _layout(look: _Look, rate_hz: float, if_hz: float) -> SampleLayout:
     return SampleLayout.model_validate(keys)
 
 
-def _sources(look: _Look, rate_source: str, if_source: str) -> dict[str, str]:
+def _name_sources(look: _Look, rate_source: str, if_source: str) -> dict[str, str]:
     numbers = "the WAV header" if look.wav else "measured: bytes' statistics"
     sources = {
         "rate_hz": rate_source,

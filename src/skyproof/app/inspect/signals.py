@@ -84,7 +84,8 @@ def _inspect_other_rates(first: Inspection) -> Inspection:
 def inspect_samples(samples: Samples, *, peaks: Sequence[Peak] = ()) -> Inspection:
     """Inspect an open recording by its description.
 
-    peaks : what a search of its start has found, Dopplers off the nominal carrier; enough of them spare another.
+    peaks : found by an earlier search of its start, Dopplers from the nominal carrier; with enough of them no further
+        search runs.
 
     Raises NotEnoughData for fewer than two code periods.
     """

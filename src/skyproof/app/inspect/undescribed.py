@@ -81,8 +81,8 @@ def inspect_by_guess(path: Path, write: bool | int) -> Inspection:
         remarks=inspection.remarks
         + (
             (
-                f"it looks like {proposal.interleaved} whose samples take turns: satellites, their "
-                "number and C/N0 are those of a mixture",
+                f"it seems to interleave {proposal.interleaved}: the satellites, their number and C/N0 are those of "
+                "a mixture",
             )
             if proposal.interleaved
             else ()

@@ -68,10 +68,8 @@ def _measurements(reception: Reception) -> int:
 def find_shared_noise(first: Reception, second: Reception, *, alpha: float, code_sigma_m: float) -> SharedNoise | None:
     """Find the noise that two receptions share if they are one receiver's; else None.
 
-    Where that is so at the middle, both ends are compared as well: a transmitter's noise has a beginning. The result is
-    the least shared of the places.
-
-    Looked at in the middle, and if it is there at both ends as well: a transmitter's noise begins one day.
+    The middle is compared first. If it agrees both ends are compared too, since a transmitter's noise has a beginning.
+    The result is the place that shares least.
 
     alpha : probability that two antennas are called one, and that one is not because its signals seem to differ.
     code_sigma_m : by how much a signal's code may differ between two receivers on one antenna, one sigma, in each.

@@ -37,10 +37,10 @@ def judge(
     predictors: Mapping[str, Predictor] | None = None,
     so_far: WordsSoFar | None = None,
 ) -> tuple[Outcome, bool]:
-    """Return evidence, decision and fixes from what the receivers received, and whether a signal left windows out.
+    """Judge what the receivers received; return the outcome, and whether an interruption left windows out.
 
-    body : that carries all antennas. predictors : by receiver, what chooses between skies where nothing else does; from
-        the settings alone if absent. so_far : takes each decided window.
+    body : the one that carries all antennas. predictors : by receiver, for choices between skies that nothing else
+        makes; from the settings alone if absent. so_far : takes each decided window.
     """
     orbits = choose_orbits(receptions, navigation)
     observed = [r.observations for r in _list_received(receptions) if r.observations is not None]
@@ -56,7 +56,7 @@ def judge(
     standing_still = [o.receiver for o in observed] if settings.speed_max_m_s == 0.0 else []
     hidden = bound_drags(evidence, standing=standing_still, inertial=navigators)
 
-    def place(reception: Reception) -> ReceiverOutcome:
+    def make_outcome(reception: Reception) -> ReceiverOutcome:
         name = reception.observations.receiver if reception.observations is not None else ""
         return _make_receiver_outcome(
             reception,
@@ -68,7 +68,7 @@ def judge(
             hidden=hidden.get(name),
         )
 
-    outcomes = [place(r) for r in receptions]
+    outcomes = [make_outcome(r) for r in receptions]
     outcome = Outcome(
         receivers=tuple(outcomes),
         decision=decision,
@@ -81,7 +81,7 @@ def judge(
 
 
 def choose_orbits(receptions: Sequence[Reception], navigation: NavigationData | None) -> NavigationData:
-    """Return the orbits of the navigation file, else those that the signals of all receivers sent."""
+    """Choose the orbits of the navigation file, else those that the signals of all receivers sent."""
     return navigation if navigation is not None else _merge_navigation([r.decoded for r in receptions])
 
 
@@ -93,7 +93,7 @@ def begin_session(
     body: Body | None,
     predictors: Mapping[str, Predictor],
 ) -> Session:
-    """Return the session of what receivers received, with every installed detector."""
+    """Begin the session that examines what receivers received, with every installed detector."""
     received = _list_received(receptions)
     windows = windows_of(
         [WholeSource(r.observations) for r in received if r.observations is not None],
@@ -115,24 +115,24 @@ def begin_session(
 
 
 def _list_received(receptions: Sequence[Reception]) -> list[Reception]:
-    """Return the receptions with two epochs or more."""
+    """List the receptions with two epochs or more."""
     return [r for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
 
 
 def _collect_levels(receptions: Sequence[Reception]) -> dict[str, FrontEndLevels]:
-    """Return the front ends' levels of the logs that have them, by receiver."""
+    """Collect the front ends' levels of the logs that have them, by receiver."""
     sources = [r.source for r in receptions]
     return {s.name: s.own.levels for s in sources if isinstance(s, ObservedFile) and s.own.levels is not None}
 
 
 def _collect_own_fixes(receptions: Sequence[Reception]) -> dict[str, ReceiverFixes]:
-    """Return the fixes that receivers computed themselves, of the logs that have them, by receiver."""
+    """Collect the fixes that receivers computed themselves, of the logs that have them, by receiver."""
     sources = [r.source for r in receptions]
     return {s.name: s.own.fixes for s in sources if isinstance(s, ObservedFile) and s.own.fixes is not None}
 
 
 def _collect_messages(receptions: Sequence[Reception]) -> dict[str, ReceivedMessages]:
-    """Return the broadcast messages of the logs that have them, by receiver."""
+    """Collect the broadcast messages of the logs that have them, by receiver."""
     sources = [r.source for r in receptions]
     return {s.name: s.own.messages for s in sources if isinstance(s, ObservedFile) and s.own.messages is not None}
 
@@ -140,7 +140,7 @@ def _collect_messages(receptions: Sequence[Reception]) -> dict[str, ReceivedMess
 def _make_receiver_outcome(
     reception: Reception, decision: Decision, orbits: NavigationData, settings: Settings, **of_receiver: Any
 ) -> ReceiverOutcome:
-    """Return the positions of one receiver. of_receiver : the other arguments of `positions_of`."""
+    """Compute the positions of one receiver. of_receiver : further arguments of `set_up_positions`."""
     o = reception.observations
     if o is None or not orbits.ephemerides:
         return ReceiverOutcome(reception=reception)

@@ -84,11 +84,8 @@ class Positions:
     def stretches(self, kind: str) -> Iterator[tuple[int, Fix]]:
         """Yield the fixes of a kind in stretches, each with its first epoch; empty ones are left out.
 
-        They are smoothed after the choice of signals: what a channel followed before or after it was captured does not
-        leak. Epochs with a trusted fix have no consistent one.
-
-        Smoothed after the choice of signals: what a channel followed before or after it was captured does not leak.
-        Epochs with a trusted fix have no consistent one.
+        Signals are chosen before they are smoothed, so what a channel followed while it was captured does not leak
+        into its other fixes. Epochs with a trusted fix have no consistent one.
         """
         if (kept := self._kept.get(kind)) is not None:
             yield kept

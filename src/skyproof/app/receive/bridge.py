@@ -17,8 +17,6 @@ def bridge_gaps(samples: Samples, *, begun_s: float = 0.0) -> tuple[Samples, tup
 
     It ends before the gap that would make more zeros than the policy allows; a remark says how to continue behind it.
 
-    It ends before the gap that would make more zeros than the policy allows; a remark says how to go on behind it.
-
     begun_s : how much of the file lies before the recording's first sample, for that remark.
     """
     if not samples.gaps:

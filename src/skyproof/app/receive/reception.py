@@ -178,9 +178,9 @@ def observe(
 def _choose_antenna(counts: Sequence[int]) -> int:
     """Choose the antenna whose measurements stand for the receiver.
 
-    The first, if it has nearly as many as any.
+    It is the first, if that has nearly as many measurements as any other.
 
-    counts : of measurements on each.
+    counts : number of measurements of each antenna.
     """
     return 0 if counts[0] >= POLICY.nearly_all_share * max(counts) else int(np.argmax(counts))
 

@@ -1,4 +1,4 @@
-"""Find antennas of an array that fail: dead, late, noisy, or with a phase that jumps. They are left out, and named.
+"""Find antennas of an array that fail: dead, late, noisy, or with a phase that jumps.
 
 They are left out, and named.
 

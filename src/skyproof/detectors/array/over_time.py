@@ -1,7 +1,5 @@
 """Add up what an array measured over blocks of 1, 2, 4, ... windows, in sums that keep no window.
 
-windows: sums that keep no window.
-
 A block holds the mean residuals of those signals that all its windows have, about the frame of the newest window. Noise
 is new in every window. What reflections write into a phase is forgotten as the satellite moves (a Gauss-Markov
 process), but for what the antennas' own patterns are. What all signals share (places of antennas, lines, attitude)

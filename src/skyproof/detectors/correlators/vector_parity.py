@@ -5,7 +5,7 @@ In the equilibrium the mean of the discriminators, of code and of phase, is orth
 four, and the choice of one satellite, only do harm. Moreover, in the linear loop B u is white whatever the loops'
 bandwidths. It is the same with a navigation filter in place of a snapshot solution.
 
-y : (..., 2 (n - 4)), code first, standard normal under the null. `Whitener` makes it of discriminators, which
+y : (..., 2 (n - 4)), code first, standard normal under the null. `Whitener` computes it from discriminators, which
 first become normal scores: exactly normal at any amplitude, where the plain discriminators of 1 ms have heavy tails.
 Left over is the dependence of code and phase of one satellite. At an amplitude of 4.5 (1 ms at 40 dB-Hz) tests at 1e-2,
 1e-3 and 1e-4 alarm 1.04, 1.1 and 1.3 times as often as stated (counted in a million; plain discriminators 1.2, 1.5 and
@@ -41,7 +41,7 @@ __all__ = [
 
 
 class Whitener(NamedTuple):
-    """What turns discriminators of n satellites into y.
+    """Numbers that turn discriminators of n satellites into y.
 
     amplitude : (n,) A_K. sigma_chips, sigma_rad : (n,) of the discriminators. code, phase : (n - 4, n), whitened B: the
         column j is the direction of an attack on satellite j.
@@ -65,7 +65,7 @@ def build_whitener(parity: Reals, sigma_chips: Reals, sigma_rad: Reals, amplitud
 
 
 def parity_vector(code_chips: ArrayLike, phase_rad: ArrayLike, white: Whitener, *, scores: bool = True) -> Reals:
-    """Compute y (..., 2 (n - 4)) of discriminators (..., n), standard normal without an attack.
+    """Compute y (..., 2 (n - 4)) from discriminators (..., n); it is standard normal without an attack.
 
     scores : make them exactly normal first. Without it, the tails of sums with A^2 < 400 are heavier than normal. Of
         parity tests at 1e-5, 2.6 times as many alarm at A^2 = 100, 1.5 times at 200.
@@ -100,7 +100,7 @@ def parity_test(y: Reals) -> ParityTest:
     return ParityTest(np.asarray(statistic, float), chi_square_survival(statistic, y.shape[-1]), y.shape[-1])
 
 
-# One after the other --------------------------------------------------------------------------------------------------
+# Cumulative sums ------------------------------------------------------------------------------------------------------
 
 
 class Branch(NamedTuple):
@@ -148,11 +148,11 @@ def find_explanations(y: Reals, white: Whitener, probability: float) -> tuple[Ex
 def select_likely_sets(y: Reals, white: Whitener, wrong_probability: float) -> tuple[Explanation, ...]:
     """Select the sets of `find_explanations` that cannot be ruled out, the likeliest first; a single set is named.
 
-    Of the sets of one size that fit, the fewest are kept that hold the true one but for `wrong_probability`. Half of
-    it is that the true set does not fit, half that it is not kept. A set's offsets of code and of phase are equally
-    likely over all sizes. So its weight is exp(-rest / 2) / sqrt(det C'C det F'F), C and F its directions. The result
-    is empty if t false satellites cannot be distinguished, n < 4 + 2 t: others would fit as well, larger sets among
-    them.
+    Of the sets of one size that fit, the fewest are kept that contain the true one with 1 - `wrong_probability`. Half
+    of that probability is that the true set does not fit, half that it is not kept. A set's offsets of code and of
+    phase are equally likely over all sizes. So its weight is exp(-rest / 2) / sqrt(det C'C det F'F), C and F its
+    directions. The result is empty if t false satellites cannot be distinguished, n < 4 + 2 t: others would fit as
+    well, larger sets among them.
     """
     half = white.code.shape[0]
     found = find_explanations(y, white, 0.5 * wrong_probability)

@@ -230,7 +230,7 @@ _N_OUT = 12
 
 @compiled
 def _interpolate_vector(x, first, step, value, slope, out):  # type: ignore[no-untyped-def]
-    """Interpolate a table's vector at x, by cubic Hermite interpolation."""
+    """Interpolate a table's vector at x by cubic Hermite polynomials."""
     place = (x - first) / step
     i = min(max(int(np.floor(place)), 0), value.shape[0] - 2)
     u = place - i

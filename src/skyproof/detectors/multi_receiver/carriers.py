@@ -135,7 +135,7 @@ def sky_carriers(
     """
     rows = _Rows(kinds, unit_enu)
     reach = geometry.reach(receivers)
-    ways = None if reach is None else rows.ways(reach)
+    ways = None if reach is None else rows.list_base_cycles(reach)
     if reach is None or ways is None:
         return None
     dof = rows.cycles.size - rows.design.shape[1]
@@ -186,8 +186,8 @@ class _Rows:
         self.base = [int(first), *(int(other_rows[k]) for k in chosen)]
         self.three = along[self.base[1:]] - along[first]
 
-    def ways(self, reach: Reach) -> Reals | None:
-        """List whole cycles (C, 4) of the base that put the antennas within reach; None if those are too many."""
+    def list_base_cycles(self, reach: Reach) -> Reals | None:
+        """List whole cycles (C, 4) of the base's rows that put the antennas within reach; None if too many do."""
         if np.linalg.cond(self.three) > 100.0:
             return None
         back = np.linalg.inv(self.three)

@@ -91,14 +91,13 @@ class MultiReceiver:
         return withhold_doubtful(records, window.skies, found), _Memory(runs, learnt)
 
     def review(self, findings: Sequence[Any]) -> Iterator[Any]:
-        """Give all windows' findings once more, now that all are known; a sequence may read them from where they are
-        kept.
+        """Yield the findings of all windows again, revised by what the other windows show.
 
-        Windows in which both skies were received in every receiver give the baseline. Others that show the same one are
-        authentic as well: a false sky in some of the receivers would have had to show the true place. One that shows
-        another than most do is open again: true and false signals overlap when they part.
+        Windows in which every receiver got both skies give the baseline. Others with the same baseline are authentic
+        as well: a false sky in some of the receivers would have had to show the true place. A window with another
+        baseline than most is open again, since true and false signals overlap while they separate.
 
-        What contradicts a statement that is untrue as likely as the signals are false is open (`statements`).
+        A contradiction stays open if the user's statement may as well be wrong (`statements`).
         """
         with_both_skies: dict[tuple[str, ...], list[Baseline]] = {}
         for e in findings:

@@ -44,7 +44,7 @@ class BitField:
     angle: bool = False
 
     def value(self, frame: int, n_bits: int) -> float:
-        """Return the number that a frame of `n_bits`, an integer whose highest bit is the first, has here."""
+        """Return this field of a frame of `n_bits`, which is an integer whose highest bit comes first."""
         raw = length = 0
         for first, size in self.runs:
             raw = raw << size | frame >> (n_bits - first - size) & (1 << size) - 1
