@@ -156,7 +156,9 @@ class _Kept:
             if finding.start_gpst < step.records.start_gpst:
                 self._before.append(finding)
                 continue
-            subject = self._share_equal(tuple(self._share_equal(ref) for ref in finding.signals))
+            subject = self._same.get(finding.signals) or self._share_equal(
+                tuple(self._share_equal(ref) for ref in finding.signals)
+            )
             if finding.lacking:
                 key = finding.detector, subject, finding.lacking
                 lacking.add(key)

@@ -77,8 +77,10 @@ def cut_in_parts(
 ) -> list[WindowPart]:
     """Cut a window that ends at a time into parts with the levels of each.
 
-    Of several signals of a transmission the strongest counts.
+    Of several signals of a transmission the strongest counts. Without readings of power there is nothing to compare.
     """
+    if levels is None:
+        return []
     n = o.gpst.size
     edges = np.linspace(0, n, min(DIP_PARTS, n) + 1).round().astype(np.intp).tolist()
     found = []
@@ -89,9 +91,7 @@ def cut_in_parts(
         for k in np.flatnonzero(known).tolist():
             sent = o.signals[k].transmission
             levels_db[sent] = max(float(np.nanmean(cells_db[:, k])), levels_db.get(sent, -np.inf))
-        within = (
-            None if levels is None else levels.select_between(o.gpst[first], o.gpst[stop] if stop < n else end_gpst)
-        )
+        within = levels.select_between(o.gpst[first], o.gpst[stop] if stop < n else end_gpst)
         inputs = average_readings(within, gain_db, gain_share)
         found.append(WindowPart(float(o.elapsed_s[first]), float(o.elapsed_s[stop - 1]), levels_db, inputs))
     return found
