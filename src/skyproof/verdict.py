@@ -57,7 +57,7 @@ CAUSES: Final[dict[CauseName, str]] = {
     "motion": "motion of the antennas",
     "fault": "a fault of a satellite or of the receiver",
     "orbits": "wrong orbits or clocks",
-    "statement": "a wrong statement in the platform file or command line",
+    "statement": "a setting that does not hold, stated or by default",
     "missing_samples": "missing samples",
     "joined": "a recording joined from several",
 }
