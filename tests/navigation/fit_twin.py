@@ -27,10 +27,10 @@ _TRAVEL_S = 0.075  # of a signal from orbit to ground, within 0.01 s
 
 
 def invert_spd(matrix, *, smallest_pivot=1e-13):
-    """Inverse of symmetric positive definite matrices (..., n, n), NaN where one is not, or only just.
+    """Invert symmetric positive definite matrices (..., n, n); NaN where one is not, or only just.
 
-    By Cholesky, written out over the few rows: unlike `numpy.linalg.inv` one singular matrix does not fail the batch,
-    and for n = 4 it is several times faster. `smallest_pivot` is relative to the diagonal.
+    Cholesky is written out over the few rows: unlike `numpy.linalg.inv` one singular matrix does not fail the
+    batch, and for n = 4 it is several times faster. `smallest_pivot` is relative to the diagonal.
     """
     n = matrix.shape[-1]
     lower, inverse = np.zeros_like(matrix), np.zeros_like(matrix)
@@ -50,7 +50,7 @@ def invert_spd(matrix, *, smallest_pivot=1e-13):
 
 
 def compute_line_of_sight(satellite_ecef_m, position_ecef_m):
-    """Satellites in the frame of reception, unit vectors to them, and distances.
+    """Compute satellites in the frame of reception, unit vectors to them, and distances.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def compute_line_of_sight(satellite_ecef_m, position_ecef_m):
 
 
 def invert_normal(normal):
-    """Inverse of normal matrices (..., n, n) in which clocks (from column 3 on) may have no measurement at all.
+    """Invert normal matrices (..., n, n) in which clocks (from column 3 on) may have no measurement.
 
     Such a clock gets a weight of one of its own, so that it touches nothing and the others are solved.
     """
@@ -92,7 +92,7 @@ def fit_position(
     max_steps=12,
     tolerance_m=1e-4,
 ):
-    """Weighted least squares of position and clocks, iterated until no problem moves by more than `tolerance_m`.
+    """Fit position and clocks by iterated weighted least squares until none moves by more than `tolerance_m`.
 
     Parameters
     ----------
@@ -179,11 +179,11 @@ class SetSearch:
 
     def __init__(self, measurements, copies):
         self._measurements = measurements
-        self._copies = [copies[k] for k in _spread_first(measurements, copies)]
+        self._copies = [copies[k] for k in _order_by_spread(measurements, copies)]
         self._fours = {}
 
     def find_of_size(self, size, free, *, false_alarm_probability):
-        """All consistent candidates of `size` satellites, the smallest statistic first; `choice` is (m, size).
+        """Find all consistent candidates of `size` satellites, the smallest statistic first; `choice` is (m, size).
 
         Parameters
         ----------
@@ -197,11 +197,11 @@ class SetSearch:
         """
         n = len(self._copies)
         if sum(bool(free[rows].any()) for rows in self._copies) < size:
-            return _nothing(size)
+            return _find_nothing(size)
         skips = n - size
         first = [int(free[rows].sum()) for rows in self._copies[: _UNKNOWNS + skips]]
         limit = float(chi_square_threshold(false_alarm_probability, size - _UNKNOWNS))
-        found = _nothing(n)
+        found = _find_nothing(n)
         if count_set_combinations(first, _UNKNOWNS) <= _MOST_FOURS:
             for level in range(_UNKNOWNS - 1, n):
                 found = self._extend(found, level, skips, free, limit)
@@ -219,16 +219,16 @@ class SetSearch:
         )
 
     def _extend(self, candidates, level, skips, free, limit):
-        """The candidates with each free signal of the satellite at `level`, where it fits, and with none of them."""
+        """Extend candidates by each free signal of the satellite at `level` that fits, and by none of them."""
         signals = self._copies[level][free[self._copies[level]]]
         skipped = candidates.select((candidates.choice[:, : level + 1] < 0).sum(axis=1) <= skips)
         parents = len(candidates.statistic)
         children = candidates.select(np.repeat(np.arange(parents), signals.size))
         children.choice[:, level] = np.tile(signals, parents)  # `take` by index has made a copy
-        return _join(skipped, _one_more(self._measurements, children, level, limit))
+        return _join(skipped, _add_signal(self._measurements, children, level, limit))
 
     def _find_fours_up_to(self, level):
-        """All fours whose last satellite is at `level`: both solutions of each, unless nowhere near the Earth."""
+        """Find all fours whose last satellite is at `level`: both solutions of each, if anywhere near the Earth."""
         if level not in self._fours:
             table = np.full((level + 1, max(map(len, self._copies))), -1)
             for k, rows in enumerate(self._copies[: level + 1]):
@@ -246,7 +246,7 @@ class SetSearch:
 
 
 def solve(measurements, choice, start_m, *, rounds=1, clocks=None):
-    """Position and clock of each row of `choice` (m, k), from `start_m` (m, 4), with the atmosphere of the start.
+    """Solve position and clock of each row of `choice` (m, k), from `start_m` (m, 4), with its atmosphere.
 
     With `clocks` (k, c), as in `design_matrix`, several clocks: states and covariances are of 3 + c numbers.
     A last step of 100 m is taken linearly: what that neglects in a range is its square over the distance, 0.5 mm.
@@ -257,7 +257,7 @@ def solve(measurements, choice, start_m, *, rounds=1, clocks=None):
     state = start_m
     for _ in range(rounds):
         turned, _, _ = compute_line_of_sight(satellite, state[:, :3])
-        delay_m, delay_sigma_m = _atmosphere(measurements, rows, state, turned)
+        delay_m, delay_sigma_m = _compute_atmosphere(measurements, rows, state, turned)
         sigma_m = np.hypot(measurements.sigma_m[rows], delay_sigma_m)
         solution = fit_position(
             satellite,
@@ -278,10 +278,10 @@ def solve(measurements, choice, start_m, *, rounds=1, clocks=None):
 
 
 def compute_innovation(measurements, rows, state_m, covariance_m2):
-    """Each measurement (m,) minus its prediction from a fit without it, and the variance of that, m and m^2."""
+    """Subtract from each measurement (m,) its prediction from a fit without it; also give the variance, m and m^2."""
     satellite = measurements.satellite_ecef_m[rows][:, None, :]
     turned, unit, distance_m = compute_line_of_sight(satellite, state_m[:, :3])
-    delay_m, delay_sigma_m = _atmosphere(measurements, rows[:, None], state_m, turned)
+    delay_m, delay_sigma_m = _compute_atmosphere(measurements, rows[:, None], state_m, turned)
     predicted_m = (distance_m + delay_m)[:, 0] + state_m[:, 3]
     design = design_matrix(unit)
     prediction_m2 = (design @ covariance_m2 @ np.swapaxes(design, -1, -2))[:, 0, 0]
@@ -290,12 +290,12 @@ def compute_innovation(measurements, rows, state_m, covariance_m2):
 
 
 def _solve_fours(measurements, choice, rows):
-    starts = _bancroft(measurements.satellite_ecef_m[rows], measurements.range_m[rows])
-    near = _roughly_plausible(starts, 500e3)  # closed form and a poor geometry; NaN is nowhere
+    starts = _solve_bancroft(measurements.satellite_ecef_m[rows], measurements.range_m[rows])
+    near = _is_roughly_plausible(starts, 500e3)  # closed form and a poor geometry; NaN is nowhere
     four, _ = np.nonzero(near)
     # Twice: the start has no atmosphere, and in a poor geometry is kilometres away from the place whose it should be.
     solved = solve(measurements, rows[four], starts[near], rounds=2)
-    kept = _plausible_within_sigma(solved)
+    kept = _is_plausible_within_sigma(solved)
     moved_m = np.linalg.norm(np.diff(solved.state_m, axis=0), axis=-1)
     kept[1:] &= (np.diff(four) != 0) | (moved_m > 10.0)  # else both starts led to one solution
     return SetCandidates(
@@ -306,13 +306,13 @@ def _solve_fours(measurements, choice, rows):
     )
 
 
-def _one_more(measurements, candidates, level, limit):
-    """Candidates with a fifth or further signal, just chosen at `level`: predicted, then solved anew."""
+def _add_signal(measurements, candidates, level, limit):
+    """Predict a further signal, just chosen at `level`, drop candidates that it does not fit, and solve again."""
     rows = candidates.choice[:, level]
     misfit_m, variance_m2 = compute_innovation(measurements, rows, candidates.state_m, candidates.covariance_m2)
     candidates = candidates.select(candidates.statistic + misfit_m**2 / variance_m2 <= _LINEAR_SLACK * limit)
     solved = solve(measurements, candidates.choice[:, : level + 1], candidates.state_m)
-    kept = np.flatnonzero((solved.statistic <= limit) & _plausible_within_sigma(solved))
+    kept = np.flatnonzero((solved.statistic <= limit) & _is_plausible_within_sigma(solved))
     if kept.size > _MOST_CANDIDATES:
         kept = kept[np.argpartition(solved.statistic[kept], _MOST_CANDIDATES)[:_MOST_CANDIDATES]]
     return SetCandidates(
@@ -323,20 +323,20 @@ def _one_more(measurements, candidates, level, limit):
     )
 
 
-def _plausible_within_sigma(solved):
-    """Of few signals in poor geometry the place is only roughly known: ten sigma are allowed."""
+def _is_plausible_within_sigma(solved):
+    """Test plausibility with ten sigma allowed, since few signals in poor geometry know the place roughly."""
     spread_m2 = np.trace(solved.covariance_m2[:, :3, :3], axis1=-2, axis2=-1)
-    return _roughly_plausible(solved.state_m, 10.0 * np.sqrt(spread_m2))
+    return _is_roughly_plausible(solved.state_m, 10.0 * np.sqrt(spread_m2))
 
 
-def _roughly_plausible(state_m, slack_m):
-    """As `is_plausible`, with the smallest radius of the Earth for its surface."""
+def _is_roughly_plausible(state_m, slack_m):
+    """Test as `is_plausible` does, with the smallest radius of the Earth for its surface."""
     centre_m = np.linalg.norm(state_m[..., :3], axis=-1)
     polar_m = WGS84_A_M * (1.0 - WGS84_F)
     return np.asarray((centre_m >= polar_m + _LOWEST_M - slack_m) & (centre_m <= _FARTHEST_M + slack_m))
 
 
-def _atmosphere(measurements, rows, state_m, turned_ecef_m):
+def _compute_atmosphere(measurements, rows, state_m, turned_ecef_m):
     delays = compute_atmosphere(
         state_m[:, :3],
         turned_ecef_m,
@@ -348,8 +348,8 @@ def _atmosphere(measurements, rows, state_m, turned_ecef_m):
     return delays.delay_m, delays.sigma_m
 
 
-def _bancroft(satellite_ecef_m, range_m):
-    """Both solutions (m, 2, 4) for four ranges (m, 4) to satellites (m, 4, 3), NaN where there is none.
+def _solve_bancroft(satellite_ecef_m, range_m):
+    """Solve for both solutions (m, 2, 4) of four ranges (m, 4) to satellites (m, 4, 3), NaN where there is none.
 
     S. Bancroft, "An algebraic solution of the GPS equations", IEEE Trans. AES 21(1), 1985. The Earth's turn is taken
     for 75 ms, which leaves metres; the atmosphere is left in.
@@ -378,8 +378,8 @@ def _bancroft(satellite_ecef_m, range_m):
     return np.asarray(solutions)
 
 
-def _spread_first(measurements, copies):
-    """Order of satellites in which the first few already have a good geometry, seen from below their middle."""
+def _order_by_spread(measurements, copies):
+    """Order satellites so that the first few already have a good geometry, seen from below their middle."""
     satellite = measurements.satellite_ecef_m[[c[0] for c in copies]]
     _, unit, _ = compute_line_of_sight(satellite, find_point_below(measurements, np.array([c[0] for c in copies])))
     design = design_matrix(unit)
@@ -395,7 +395,7 @@ def _spread_first(measurements, copies):
     return order
 
 
-def _nothing(n_satellites):
+def _find_nothing(n_satellites):
     return SetCandidates(
         choice=np.empty((0, n_satellites), dtype=np.intp),
         state_m=np.empty((0, _UNKNOWNS)),

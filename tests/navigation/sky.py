@@ -25,7 +25,7 @@ WAVELENGTH = C / 1575.42e6
 START = np.datetime64("2022-03-04T05:10:00", "ns")
 
 
-def navigation(start: np.datetime64 = START) -> NavigationData:
+def make_navigation(start: np.datetime64 = START) -> NavigationData:
     return make_nominal_constellation(start)
 
 
@@ -33,13 +33,13 @@ def place(lat_deg: float, lon_deg: float, height_m: float) -> np.ndarray:
     return ecef_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), height_m)
 
 
-def moved(position: np.ndarray, east_m: float, north_m: float, up_m: float) -> np.ndarray:
+def move_place(position: np.ndarray, east_m: float, north_m: float, up_m: float) -> np.ndarray:
     lat, lon, _ = geodetic_from_ecef(position)
     return position + rot_enu_ecef(lat, lon).T @ np.array([east_m, north_m, up_m])
 
 
-def turned(vector: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
-    """Rotation about the Earth's axis by `angle_rad`, in the sense in which the Earth turns."""
+def rotate(vector: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
+    """Rotate about the Earth's axis by `angle_rad`, in the sense in which the Earth turns."""
     s, c = np.sin(angle_rad), np.cos(angle_rad)
     x, y, z = np.moveaxis(vector, -1, 0)
     return np.stack((c * x - s * y, s * x + c * y, z), axis=-1)
@@ -55,10 +55,10 @@ class Truth:
     elevation_rad: np.ndarray
 
 
-def measured(
+def measure(
     nav: NavigationData, sat: str, gpst: np.ndarray, position: np.ndarray, bias_s, *, air: bool = True
 ) -> Truth:
-    """Pseudorange and carrier range at clock labels `gpst`, for a receiver at `position` (3,) or (n, 3).
+    """Measure pseudorange and carrier range at clock labels `gpst`, at `position` (3,) or (n, 3).
 
     `bias_s`: label minus true time. The true time of reception is never formed as a number: times count from the label.
     """
@@ -70,7 +70,7 @@ def measured(
     for _ in range(5):  # each round is a million times closer
         state = compute_satellite_state_s(ephemeris, week, tow - bias_s - travel)
         # In the inertial frame that is ECEF at reception, a thing fixed to the Earth stood `travel` further west.
-        satellite = turned(state.position_ecef_m, -EARTH_RATE * travel)
+        satellite = rotate(state.position_ecef_m, -EARTH_RATE * travel)
         distance = np.linalg.norm(satellite - position, axis=-1)
         travel = distance / C
     lat, lon, height = geodetic_from_ecef(position)
@@ -93,17 +93,19 @@ class Scene:
     observations: Observations
     owners: np.ndarray
 
-    def owners_of(self, signals: tuple[SignalId, ...]) -> list[int]:
+    def list_owners(self, signals: tuple[SignalId, ...]) -> list[int]:
         return [int(self.owners[self.observations.signals.index(signal)]) for signal in signals]
 
 
-def visible(nav: NavigationData, position: np.ndarray, mask_deg: float = 7.0, at: np.datetime64 = START) -> list[str]:
+def list_visible(
+    nav: NavigationData, position: np.ndarray, mask_deg: float = 7.0, at: np.datetime64 = START
+) -> list[str]:
     sats = [e.sat for e in nav.ephemerides]
-    elevations = [measured(nav, s, np.array([at]), position, 0.0).elevation_rad[0] for s in sats]
+    elevations = [measure(nav, s, np.array([at]), position, 0.0).elevation_rad[0] for s in sats]
     return [s for s, e in zip(sats, elevations, strict=True) if np.degrees(e) > mask_deg]
 
 
-def scene(
+def make_scene(
     nav: NavigationData,
     skies: list[tuple[list[str], np.ndarray, float]],
     *,
@@ -117,7 +119,7 @@ def scene(
     rng: np.random.Generator | None = None,
     shuffle: bool = False,
 ) -> Scene:
-    """Skies (satellites, position shown, clock bias shown) as one receiver sees them, channels a, b, c of a satellite.
+    """Make skies (satellites, position, clock bias) as one receiver sees them, channels a, b, c of a satellite.
 
     noise_m : white, per epoch; constant_m : once per channel; both Gaussian, one sigma. With `shuffle` which sky gets
     which copy letter is random, satellite by satellite.
@@ -128,7 +130,7 @@ def scene(
     found: dict[str, list[tuple[int, Truth]]] = {}
     for k, (sats, position, bias_s) in enumerate(skies):
         for sat in sats:
-            truth = measured(nav, sat, gpst, position, bias_s + drift * elapsed, air=air)
+            truth = measure(nav, sat, gpst, position, bias_s + drift * elapsed, air=air)
             found.setdefault(sat, []).append((k, truth))
     signals, truths, owners = [], [], []
     for sat in sorted(found):
@@ -164,8 +166,8 @@ def scene(
     return Scene(observations, np.array(owners))
 
 
-def meaconing_pair(shared_data: Path, receiver: str) -> tuple[Observations, np.ndarray, dict]:
-    """The noise-free measurements of `truth.csv`: the sky is copy a, the meaconer, while it is on, copy b.
+def read_meaconing_pair(shared_data: Path, receiver: str) -> tuple[Observations, np.ndarray, dict]:
+    """Read the noise-free measurements of `truth.csv`: copy a is the sky, copy b the meaconer while it is on.
 
     Also what the clock shows minus true time, (n_epochs,), and the contents of `truth.json`.
     """
@@ -204,8 +206,8 @@ def meaconing_pair(shared_data: Path, receiver: str) -> tuple[Observations, np.n
     return observations, 1e-9 * clock_ns, truth
 
 
-def shown(truth: dict, receiver: str, label: str) -> tuple[np.ndarray, float]:
-    """The place that a receiver of these signals shows, and how much later its clock seems."""
+def find_shown(truth: dict, receiver: str, label: str) -> tuple[np.ndarray, float]:
+    """Find the place that a receiver of these signals shows, and how much later its clock seems."""
     if label == "authentic":
         (place,) = (r["position"]["ecef_m"] for r in truth["receivers"] if r["name"] == receiver)
         return np.array(place), 0.0

@@ -11,11 +11,11 @@ HERE_M = ecef_from_geodetic(LAT, LON, 400.0)
 TURN = rot_enu_ecef(LAT, LON)
 
 
-def at(east_m, north_m, up_m=0.0):
+def make_place(east_m, north_m, up_m=0.0):
     return HERE_M + np.array([east_m, north_m, up_m]) @ TURN
 
 
-def ray(place_m, target_m, *, sigma_rad=0.01, off_rad=(0.0, 0.0), place_sigma_m=1.0, body="ship"):
+def make_ray(place_m, target_m, *, sigma_rad=0.01, off_rad=(0.0, 0.0), place_sigma_m=1.0, body="ship"):
     east, north, up = TURN @ (target_m - place_m)
     azimuth_rad, elevation_rad = np.arctan2(east, north), np.arctan2(up, np.hypot(east, north))
     return BearingRay(
@@ -29,9 +29,9 @@ def ray(place_m, target_m, *, sigma_rad=0.01, off_rad=(0.0, 0.0), place_sigma_m=
 
 
 def test_rays_without_error_meet_at_the_transmitter():
-    target_m = at(800.0, 1500.0, 120.0)
-    found = locate_transmitter([ray(at(x, 0.0), target_m) for x in (-600.0, 0.0, 700.0)])
-    # The verticals of places 1 km apart differ by 0.2 mrad: `ray` takes one of them for all.
+    target_m = make_place(800.0, 1500.0, 120.0)
+    found = locate_transmitter([make_ray(make_place(x, 0.0), target_m) for x in (-600.0, 0.0, 700.0)])
+    # The verticals of places 1 km apart differ by 0.2 mrad: `make_ray` takes one of them for all.
     assert np.linalg.norm(found.position_ecef_m - target_m) < 1.0
     assert found.p_value > 0.9
 
@@ -39,13 +39,14 @@ def test_rays_without_error_meet_at_the_transmitter():
 @pytest.mark.parametrize("shared", [False, True], ids=["own errors", "one error"])
 def test_the_ellipse_holds_the_transmitter(shared):
     rng = np.random.default_rng(6)
-    target_m = at(900.0, 1800.0, 60.0)
+    target_m = make_place(900.0, 1800.0, 60.0)
     squares = []
     for _ in range(300):
         one = 0.01 * rng.standard_normal(2)
         offs = [one if shared else 0.01 * rng.standard_normal(2) for _ in range(6)]
         rays = [
-            ray(at(x, 0.0), target_m, off_rad=off) for x, off in zip(np.linspace(-900.0, 900.0, 6), offs, strict=True)
+            make_ray(make_place(x, 0.0), target_m, off_rad=off)
+            for x, off in zip(np.linspace(-900.0, 900.0, 6), offs, strict=True)
         ]
         found = locate_transmitter(rays)
         error_m = found.position_ecef_m - target_m
@@ -56,12 +57,12 @@ def test_the_ellipse_holds_the_transmitter(shared):
 
 def test_two_platforms_count_as_their_own():
     rng = np.random.default_rng(7)
-    target_m = at(900.0, 1800.0, 60.0)
+    target_m = make_place(900.0, 1800.0, 60.0)
     squares = []
     for _ in range(400):
         pair = [
-            ray(place_m, target_m, off_rad=0.005 * rng.standard_normal(2), sigma_rad=0.005, body=body)
-            for place_m, body in ((at(-800.0, 0.0), "one"), (at(800.0, 100.0), "two"))
+            make_ray(place_m, target_m, off_rad=0.005 * rng.standard_normal(2), sigma_rad=0.005, body=body)
+            for place_m, body in ((make_place(-800.0, 0.0), "one"), (make_place(800.0, 100.0), "two"))
         ]
         found = locate_transmitter(pair)
         error_m = found.position_ecef_m - target_m
@@ -70,16 +71,22 @@ def test_two_platforms_count_as_their_own():
 
 
 def test_rays_that_run_alike_or_apart_do_not_meet():
-    target_m = at(900.0, 1800.0, 60.0)
-    assert locate_transmitter([ray(HERE_M, target_m)]) is None
-    assert locate_transmitter([ray(HERE_M, target_m), ray(HERE_M, target_m)]) is None
-    assert locate_transmitter([ray(at(x, 0.0), at(0.0, 50_000.0)) for x in (-10.0, 0.0, 10.0)]) is None
-    apart = [ray(at(x, 0.0), at(2.0 * x, 1000.0)) for x in (-500.0, 500.0)]
+    target_m = make_place(900.0, 1800.0, 60.0)
+    assert locate_transmitter([make_ray(HERE_M, target_m)]) is None
+    assert locate_transmitter([make_ray(HERE_M, target_m), make_ray(HERE_M, target_m)]) is None
+    assert (
+        locate_transmitter([make_ray(make_place(x, 0.0), make_place(0.0, 50_000.0)) for x in (-10.0, 0.0, 10.0)])
+        is None
+    )
+    apart = [make_ray(make_place(x, 0.0), make_place(2.0 * x, 1000.0)) for x in (-500.0, 500.0)]
     assert locate_transmitter(apart) is None
 
 
 def test_rays_to_different_places_are_refused_by_their_p_value():
-    first, other = at(900.0, 1800.0, 60.0), at(-1500.0, 1800.0, 60.0)
-    rays = [ray(at(x, 0.0), first if x < 0.0 else other, sigma_rad=0.002) for x in np.linspace(-900.0, 900.0, 6)]
+    first, other = make_place(900.0, 1800.0, 60.0), make_place(-1500.0, 1800.0, 60.0)
+    rays = [
+        make_ray(make_place(x, 0.0), first if x < 0.0 else other, sigma_rad=0.002)
+        for x in np.linspace(-900.0, 900.0, 6)
+    ]
     found = locate_transmitter(rays)
     assert found is None or found.p_value < 1e-4

@@ -15,15 +15,15 @@ def design(rng, k):
     return np.concatenate((-unit, np.ones((k, 1))), axis=1)
 
 
-def statistic(h, sigma, z):
-    """Of the least-squares fit, for many z (n, k)."""
+def compute_statistic(h, sigma, z):
+    """Compute the statistic of the least-squares fit for many z (n, k)."""
     q, _ = np.linalg.qr(h / sigma[:, None])
     y = z / sigma
     return np.sum(y**2, axis=1) - np.sum((y @ q) ** 2, axis=1)
 
 
-def best_four_probability(h, sigma, window, limit):
-    """Volume of the ellipsoid of the others around the prediction by the best four, over that of the window."""
+def compute_four_probability(h, sigma, window, limit):
+    """Compute the volume of the other signals' ellipsoid by the best four over that of the window."""
     k = len(sigma)
     volumes = []
     for four in combinations(range(k), 4):
@@ -44,12 +44,12 @@ def test_the_bound_holds_for_any_geometry_and_is_not_idle(k):
     for _ in range(4):
         h, sigma = design(rng, k), rng.uniform(1.0, 2.0, k)
         window, limit = 40.0 if k > 5 else 200.0, 9.0
-        inside = statistic(h, sigma, rng.uniform(0.0, window, (400_000, k))) <= limit
+        inside = compute_statistic(h, sigma, rng.uniform(0.0, window, (400_000, k))) <= limit
         bound = bound_chance_p_value(sigma, window_m=window, largest_statistic=limit)
         upper = stats.beta(inside.sum() + 1, inside.size - inside.sum()).ppf(0.001)  # surely not less than this
         assert upper <= bound
         assert inside.mean() >= bound / 200.0
-        exact = best_four_probability(h, sigma, window, limit)
+        exact = compute_four_probability(h, sigma, window, limit)
         assert upper <= exact <= bound * (1 + 1e-12)
 
 
@@ -59,7 +59,7 @@ def test_without_a_cut_of_the_ellipsoid_the_volume_is_exact():
     h[:, :3] *= 0.2  # mild prediction: the fifth is never far outside the window
     h[4] = h[:4].mean(axis=0)
     sigma = np.array([1.0, 1.5, 1.2, 0.8, 1.1])
-    inside = statistic(h, sigma, rng.uniform(0.0, 300.0, (400_000, 5))) <= 4.0
+    inside = compute_statistic(h, sigma, rng.uniform(0.0, 300.0, (400_000, 5))) <= 4.0
     g = h[4:] @ np.linalg.inv(h[:4])
     c = sigma[4] ** 2 + g @ np.diag(sigma[:4] ** 2) @ g.T
     exact = 2.0 * np.sqrt(4.0 * c[0, 0]) / 300.0
@@ -75,7 +75,7 @@ def test_the_union_bound_holds_over_all_sets_that_can_be_formed():
     for five in combinations(range(6), 5):
         for pick in np.ndindex(*(copies,) * 5):
             z = delays[:, five, pick]
-            some |= statistic(h[list(five)], sigma[:5], z) <= limit
+            some |= compute_statistic(h[list(five)], sigma[:5], z) <= limit
     count = count_set_combinations([copies] * 6, 5)
     assert count == 6 * 2**5
     bound = bound_chance_p_value(np.ones(5), window_m=window, largest_statistic=limit, combinations=count)

@@ -12,8 +12,8 @@ from skyproof.navigation.ranges import correct_ranges
 
 @pytest.mark.parametrize("bias_s", [0.0, 0.00049, 0.00051, -0.0214, 0.93])
 def test_the_clock_comes_within_half_a_ms_and_nothing_moves(bias_s):
-    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
-    seen = sky.scene(nav, [(sky.visible(nav, position), position, bias_s)], n=5).observations
+    nav, position = sky.make_navigation(), sky.place(59.0, 17.0, 100.0)
+    seen = sky.make_scene(nav, [(sky.list_visible(nav, position), position, bias_s)], n=5).observations
     moved = anchor_label(seen, bias_s)
     before, after = fix(seen, nav), fix(moved, nav)
     assert (np.abs(after.clock_bias_s) <= 0.0005).all()
@@ -26,8 +26,8 @@ def test_the_clock_comes_within_half_a_ms_and_nothing_moves(bias_s):
 
 
 def test_times_of_transmission_stay():
-    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
-    seen = sky.scene(nav, [(sky.visible(nav, position), position, -0.0437)], n=3).observations
+    nav, position = sky.make_navigation(), sky.place(59.0, 17.0, 100.0)
+    seen = sky.make_scene(nav, [(sky.list_visible(nav, position), position, -0.0437)], n=3).observations
     moved = anchor_label(seen, -0.0437)
     a = correct_ranges(seen.signals, seen.gpst, seen.pseudorange_m, nav)
     b = correct_ranges(moved.signals, moved.gpst, moved.pseudorange_m, nav)
@@ -35,9 +35,9 @@ def test_times_of_transmission_stay():
 
 
 def test_a_drifting_clock_steps_code_and_carrier_by_one_ms():
-    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
+    nav, position = sky.make_navigation(), sky.place(59.0, 17.0, 100.0)
     drift = 1e-4
-    seen = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=30, drift=drift).observations
+    seen = sky.make_scene(nav, [(sky.list_visible(nav, position), position, 0.0)], n=30, drift=drift).observations
     moved = anchor_label(seen, drift * np.arange(30))
     found = fix(moved, nav)
     assert (np.abs(found.clock_bias_s) < 0.00051).all()
@@ -48,17 +48,19 @@ def test_a_drifting_clock_steps_code_and_carrier_by_one_ms():
 
 @pytest.mark.parametrize("bias_s", [np.nan, np.zeros(3), np.array([0.0, np.nan, 0.0, 0.0, 0.0])])
 def test_a_bias_that_is_no_number_or_does_not_fit_is_refused(bias_s):
-    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
-    seen = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=5).observations
+    nav, position = sky.make_navigation(), sky.place(59.0, 17.0, 100.0)
+    seen = sky.make_scene(nav, [(sky.list_visible(nav, position), position, 0.0)], n=5).observations
     with pytest.raises(ValueError, match="clock_bias_s"):
         anchor_label(seen, bias_s)
 
 
-def stepping(*, step_s=1.0, carrier_too=True, dopplers=True):
-    """A clock that drifts by 100 us a second, which the receiver sets by a millisecond now and then; and as it runs."""
-    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
+def make_stepping(*, step_s=1.0, carrier_too=True, dopplers=True):
+    """Make a clock that drifts by 100 us a second and is set by a millisecond at times; and as it runs."""
+    nav, position = sky.make_navigation(), sky.place(59.0, 17.0, 100.0)
     drift = 1e-4
-    free = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=30, drift=drift, step_s=step_s).observations
+    free = sky.make_scene(
+        nav, [(sky.list_visible(nav, position), position, 0.0)], n=30, drift=drift, step_s=step_s
+    ).observations
     reported = anchor_label(free, drift * step_s * np.arange(30))
     reported = replace(reported, elapsed_s=(reported.gpst - reported.gpst[0]) / np.timedelta64(1, "ns") * 1e-9)
     if not carrier_too:
@@ -73,7 +75,7 @@ def stepping(*, step_s=1.0, carrier_too=True, dopplers=True):
 @pytest.mark.parametrize("dopplers", [True, False])
 @pytest.mark.parametrize("stretch_epochs", [1024, 7])
 def test_clock_steps_are_removed_however_a_receiver_makes_them(step_s, carrier_too, dopplers, stretch_epochs):
-    free, reported = stepping(step_s=step_s, carrier_too=carrier_too, dopplers=dopplers)
+    free, reported = make_stepping(step_s=step_s, carrier_too=carrier_too, dopplers=dopplers)
     found = find_clock_steps(reported, stretch_epochs)
     steady = remove_clock_steps(reported, found)
     np.testing.assert_allclose(steady.pseudorange_m, free.pseudorange_m, atol=1e-6)
@@ -86,31 +88,31 @@ def test_clock_steps_are_removed_however_a_receiver_makes_them(step_s, carrier_t
 
 
 def test_a_clock_that_runs_on_is_left_alone():
-    free, _ = stepping()
+    free, _ = make_stepping()
     assert find_clock_steps(free) is None
 
 
 def test_a_step_of_some_satellites_is_no_clock_step():
-    free, _ = stepping()
+    free, _ = make_stepping()
     code_m = free.pseudorange_m.copy()
     code_m[15:, : code_m.shape[1] // 2 - 1] += 299792.458
     assert find_clock_steps(replace(free, pseudorange_m=code_m)) is None
 
 
 def test_what_is_no_whole_millisecond_is_no_step_of_the_clock():
-    free, _ = stepping()
+    free, _ = make_stepping()
     code_m = free.pseudorange_m.copy()
     code_m[15:] += 299792.458 + 400.0
     assert find_clock_steps(replace(free, pseudorange_m=code_m)) is None
 
 
-def with_missing(missing_s, back):
-    """A second between epochs, of which a recording misses some before the 15th; its channels come back at `back`."""
-    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
-    sats = sky.visible(nav, position)
-    before = sky.scene(nav, [(sats, position, 0.0)], n=30, noise_m=3.0).observations
+def drop_samples(missing_s, back):
+    """Drop samples before the 15th epoch of a second each; channels come back at `back`."""
+    nav, position = sky.make_navigation(), sky.place(59.0, 17.0, 100.0)
+    sats = sky.list_visible(nav, position)
+    before = sky.make_scene(nav, [(sats, position, 0.0)], n=30, noise_m=3.0).observations
     missing = np.timedelta64(round(missing_s * 1e9), "ns")
-    after = sky.scene(nav, [(sats, position, 0.0)], n=30, noise_m=3.0, start=before.gpst[0] + missing).observations
+    after = sky.make_scene(nav, [(sats, position, 0.0)], n=30, noise_m=3.0, start=before.gpst[0] + missing).observations
     labelled_ms = round(missing_s * 1e3)  # the label takes up whole milliseconds, ranges what is left
     range_m = after.pseudorange_m - (missing_s - 1e-3 * labelled_ms) * SPEED_OF_LIGHT_M_S
     later = np.arange(30) >= 15
@@ -124,7 +126,7 @@ def with_missing(missing_s, back):
 
 
 def time_breaks(log, stretch_epochs=1024):
-    """Of a log that comes in stretches."""
+    """Time the search for breaks in a log that comes in stretches."""
     breaks = TimeBreaks()
     for first in range(0, log.gpst.size, stretch_epochs):
         breaks.take(log.read(first, first + stretch_epochs))
@@ -135,21 +137,21 @@ def time_breaks(log, stretch_epochs=1024):
 @pytest.mark.parametrize("back", [[0], [3], [1, 2, 3, 4], [2, 4, 4, 4, 4, 4, 4, 4, 4, 4, 4, 4]])
 @pytest.mark.parametrize("stretch_epochs", [1024, 7, 16])
 def test_time_breaks_once_at_missing_samples(missing_s, back, stretch_epochs):
-    observed = with_missing(missing_s, back)
+    observed = drop_samples(missing_s, back)
     (found,) = time_breaks(observed, stretch_epochs)
     assert found == observed.gpst[15 + min(back)]
 
 
 @pytest.mark.parametrize("back", [[0], [6], [1, 2, 3, 4]])
 def test_time_continues_through_blockage_and_clock_setting(back):
-    assert not time_breaks(with_missing(0.0, back)).size
-    free, _ = stepping()
+    assert not time_breaks(drop_samples(0.0, back)).size
+    free, _ = make_stepping()
     assert not time_breaks(free).size
     assert not time_breaks(anchor_label(free, 1e-4 * np.arange(30))).size
 
 
 def test_one_signal_that_leaps_is_no_break_of_time():
-    observed = with_missing(0.0, [0])
+    observed = drop_samples(0.0, [0])
     code_m = observed.pseudorange_m.copy()
     code_m[15:, :2] += 5000.0
     assert not time_breaks(replace(observed, pseudorange_m=code_m)).size

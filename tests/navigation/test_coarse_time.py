@@ -56,15 +56,15 @@ class Shot:
         )
 
 
-def shot(rng, *, noise: float = 1.0, period_s: float = 1e-3, drift: float | None = None) -> Shot:
-    """Anywhere on the Earth, at any second of some days: 50 ms at 40 to 48 dB-Hz."""
+def draw_shot(rng, *, noise: float = 1.0, period_s: float = 1e-3, drift: float | None = None) -> Shot:
+    """Draw 50 ms at 40 to 48 dB-Hz, anywhere on the Earth and at any second of some days."""
     gpst = np.datetime64("2024-03-03T00:00:00", "ns") + np.timedelta64(int(rng.integers(0, 3 * 86400 * 10**9)), "ns")
     navigation = make_nominal_constellation(gpst)
     place = sky.place(np.degrees(np.arcsin(rng.uniform(-1, 1))), rng.uniform(-180, 180), rng.uniform(0, 3000))
     drift = rng.uniform(-5e-6, 5e-6) if drift is None else drift
     around = gpst + np.array([-STEP_S, 0.0, STEP_S]) * np.timedelta64(10**9, "ns")
-    sats = tuple(sky.visible(navigation, place, 7.0, gpst))
-    truths = [sky.measured(navigation, sat, around, place, 0.0) for sat in sats]
+    sats = tuple(sky.list_visible(navigation, place, 7.0, gpst))
+    truths = [sky.measure(navigation, sat, around, place, 0.0) for sat in sats]
     code_m = np.array([t.pseudorange_m[1] for t in truths])
     rate = np.array([(t.carrier_m[2] - t.carrier_m[0]) / (2 * STEP_S * C) for t in truths])
     cn0 = 10 ** (rng.uniform(40, 48, len(sats)) / 10)
@@ -76,22 +76,22 @@ def shot(rng, *, noise: float = 1.0, period_s: float = 1e-3, drift: float | None
     return Shot(navigation, gpst, place, sats, code_s, code_sigma_s, doppler_hz, doppler_sigma_hz)
 
 
-def off_by(place: np.ndarray, rng, most_m: float) -> np.ndarray:
-    """The place moved over the ground in any direction."""
+def move_place(place: np.ndarray, rng, most_m: float) -> np.ndarray:
+    """Move the place over the ground in any direction."""
     lat, lon, _ = geodetic_from_ecef(place)
     angle = rng.uniform(0, 2 * np.pi)
     return place + rot_enu_ecef(lat, lon).T @ (rng.uniform(0, most_m) * np.array([np.cos(angle), np.sin(angle), 0.0]))
 
 
-def error_m(fix: CoarseFix, truth: Shot) -> float:
+def measure_error_m(fix: CoarseFix, truth: Shot) -> float:
     return float(np.linalg.norm(fix.position_ecef_m - truth.place))
 
 
 def test_without_noise_place_and_time_are_exact():
-    truth = shot(np.random.default_rng(1), noise=0.0, drift=2e-6)
+    truth = draw_shot(np.random.default_rng(1), noise=0.0, drift=2e-6)
     fix = truth.solve(37.0)
     assert fix.status == 0
-    assert error_m(fix, truth) < 0.05
+    assert measure_error_m(fix, truth) < 0.05
     assert fix.time_error_s == pytest.approx(37.0, abs=1e-4)
     assert abs((fix.gpst - truth.gpst) / np.timedelta64(1, "ns")) < 1e5
     assert fix.clock_drift == pytest.approx(2e-6, abs=1e-10)
@@ -104,10 +104,10 @@ def test_without_noise_place_and_time_are_exact():
 def test_dopplers_alone_find_the_place_to_start_from():
     rng = np.random.default_rng(2)
     for _ in range(8):
-        truth = shot(rng)
+        truth = draw_shot(rng)
         fix = truth.solve(rng.uniform(-60, 60))
         assert fix.status == 0
-        assert error_m(fix, truth) < 40.0
+        assert measure_error_m(fix, truth) < 40.0
         assert abs(fix.time_error_s) < 61.0
 
 
@@ -115,13 +115,13 @@ def test_a_rough_place_without_dopplers_will_do():
     # As far off as stated, so that the nearest whole numbers are not the right ones.
     rng = np.random.default_rng(3)
     for late_s in (-60.0, 60.0):
-        truth = shot(rng)
+        truth = draw_shot(rng)
         lat, lon, _ = geodetic_from_ecef(truth.place)
         place = truth.place + rot_enu_ecef(lat, lon).T @ np.array([75e3, np.sign(late_s) * 65e3, 0.0])
         truth = replace(truth, doppler_hz=np.full(len(truth.sats), np.nan))
         fix = truth.solve(late_s, place_ecef_m=place)
         assert fix.status == 0
-        assert error_m(fix, truth) < 40.0
+        assert measure_error_m(fix, truth) < 40.0
 
 
 def test_errors_are_as_large_as_stated():
@@ -130,9 +130,9 @@ def test_errors_are_as_large_as_stated():
     settings = CoarseSettings(multipath_sigma_m=0.0, ionosphere_share=0.0)
     squares, times, p_values = [], [], []
     for _ in range(24):
-        truth = shot(rng)
+        truth = draw_shot(rng)
         late_s = rng.uniform(-60, 60)
-        fix = truth.solve(late_s, place_ecef_m=off_by(truth.place, rng, 50e3), settings=settings)
+        fix = truth.solve(late_s, place_ecef_m=move_place(truth.place, rng, 50e3), settings=settings)
         assert fix.status == 0
         off = np.append(fix.position_ecef_m - truth.place, fix.time_error_s - late_s)
         keep = np.array([0, 1, 2, 4])
@@ -148,19 +148,19 @@ def test_errors_are_as_large_as_stated():
 
 def test_a_code_with_known_bits_reaches_twenty_times_as_far():
     rng = np.random.default_rng(5)
-    truth = shot(rng, period_s=0.02)
+    truth = draw_shot(rng, period_s=0.02)
     fix = replace(truth, doppler_hz=np.full(len(truth.sats), np.nan)).solve(
-        40.0, place_ecef_m=off_by(truth.place, rng, 100e3), period_s=0.02
+        40.0, place_ecef_m=move_place(truth.place, rng, 100e3), period_s=0.02
     )
     assert fix.status == 0
     assert fix.candidates == 1
-    assert error_m(fix, truth) < 40.0
+    assert measure_error_m(fix, truth) < 40.0
 
 
 def test_a_false_peak_is_reported_and_not_fitted():
     rng = np.random.default_rng(6)
     for _ in range(4):
-        truth = shot(rng)
+        truth = draw_shot(rng)
         code_s = truth.code_s.copy()
         code_s[rng.integers(len(code_s))] += rng.uniform(1e-5, 0.99e-3)
         fix = replace(truth, code_s=np.mod(code_s, 1e-3)).solve(rng.uniform(-60, 60))
@@ -170,7 +170,7 @@ def test_a_false_peak_is_reported_and_not_fitted():
 
 @pytest.mark.parametrize("wrong", ["time", "place"])
 def test_a_time_or_place_further_off_than_stated_is_reported(wrong):
-    truth = shot(np.random.default_rng(7))
+    truth = draw_shot(np.random.default_rng(7))
     late_s, away_m = (600.0, 0.0) if wrong == "time" else (10.0, 900e3)
     fix = truth.solve(late_s, place_ecef_m=truth.place + np.array([away_m, 0.0, 0.0]))
     assert fix.status == 4
@@ -179,22 +179,22 @@ def test_a_time_or_place_further_off_than_stated_is_reported(wrong):
 def test_several_sets_that_fit_are_reported():
     # Five satellites leave nothing to check with, and a place good to 1000 km leaves many whole numbers.
     rng = np.random.default_rng(8)
-    truth = shot(rng)
+    truth = draw_shot(rng)
     few = replace(truth, doppler_hz=np.full(len(truth.sats), np.nan)).keep(np.arange(5))
-    fix = few.solve(20.0, place_ecef_m=off_by(truth.place, rng, 500e3), place_sigma_m=1000e3)
+    fix = few.solve(20.0, place_ecef_m=move_place(truth.place, rng, 500e3), place_sigma_m=1000e3)
     assert fix.status == 5
     assert fix.wrong_probability > 1e-5 or fix.candidates == 0
     assert "several" in fix.because
 
 
 def test_fewer_than_five_satellites_are_reported():
-    truth = shot(np.random.default_rng(9))
+    truth = draw_shot(np.random.default_rng(9))
     for remaining in (np.arange(4), np.arange(0)):
         assert truth.keep(remaining).solve(0.0, place_ecef_m=truth.place).status == 1
 
 
 def test_a_satellite_without_an_ephemeris_is_not_used():
-    truth = shot(np.random.default_rng(10))
+    truth = draw_shot(np.random.default_rng(10))
     kept = tuple(e for e in truth.navigation.ephemerides if e.sat != truth.sats[0])
     fix = replace(truth, navigation=replace(truth.navigation, ephemerides=kept)).solve(5.0)
     assert fix.status == 0
@@ -203,7 +203,7 @@ def test_a_satellite_without_an_ephemeris_is_not_used():
 
 
 def test_what_makes_no_sense_is_refused():
-    truth = shot(np.random.default_rng(11))
+    truth = draw_shot(np.random.default_rng(11))
     with pytest.raises(ValueError, match="appears twice"):
         replace(truth, sats=(truth.sats[1], *truth.sats[1:])).solve(0.0)
     with pytest.raises(ValueError, match="positive"):
@@ -219,14 +219,14 @@ def test_no_wrong_position_is_given_and_few_right_withheld(n_sats, start):
     solved = wrong = unfit = 0
     trials = 250
     for _ in range(trials):
-        truth = shot(rng)
+        truth = draw_shot(rng)
         truth = truth.keep(np.sort(rng.permutation(len(truth.sats))[:n_sats]))
-        options = {"place_ecef_m": off_by(truth.place, rng, 100e3)} if start == "place" else {}
+        options = {"place_ecef_m": move_place(truth.place, rng, 100e3)} if start == "place" else {}
         fix = truth.solve(rng.uniform(-60, 60), **options)
         solved += fix.status == 0
         unfit += fix.status == 4
         if fix.status == 0:
-            wrong += error_m(fix, truth) > 8.0 * np.sqrt(np.trace(fix.covariance[:3, :3]))
+            wrong += measure_error_m(fix, truth) > 8.0 * np.sqrt(np.trace(fix.covariance[:3, :3]))
     assert wrong == 0
     assert unfit <= 3  # 1e-4 is asked for, and what is drawn is milder than what is stated
     assert solved >= (0.5 if n_sats == 5 else 0.9) * trials

@@ -13,8 +13,8 @@ from skyproof.navigation.fix import fix
 
 @pytest.mark.parametrize("where", [(59.0, 17.0, 100.0), (-41.3, 174.8, 12.0)])
 def test_it_is_the_horizontal_sigma_of_unit_ranges(where):
-    nav, position = sky.navigation(), sky.place(*where)
-    seen = sky.scene(nav, [(sky.visible(nav, position), position, 2e-3)], n=12).observations
+    nav, position = sky.make_navigation(), sky.place(*where)
+    seen = sky.make_scene(nav, [(sky.list_visible(nav, position), position, 2e-3)], n=12).observations
     pseudorange_m = seen.pseudorange_m.copy()
     pseudorange_m[4:, 0] = np.nan  # another geometry from here on
     pseudorange_m[9, 3:] = np.nan  # and no fix

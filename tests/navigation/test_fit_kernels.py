@@ -16,11 +16,11 @@ KLOBUCHAR = Klobuchar(alpha=(1.1e-8, 1.5e-8, -6e-8, -6e-8), beta=(9e4, 6e4, -2e5
 
 @pytest.fixture(scope="module")
 def two_skies():
-    """Ranges of two skies over each other, and the signals of each satellite."""
-    nav, here = sky.navigation(), sky.place(40.0, 20.0, 300.0)
-    sats = sky.visible(nav, here, 5.0)
-    places = [(sats[:9], here, 0.0), (sats[2:8], sky.moved(here, 500.0, -900.0, 30.0), 1e-5)]
-    seen = sky.scene(nav, places, n=4, noise_m=3.0, rng=np.random.default_rng(4)).observations
+    """Draw ranges of two skies over each other, and the signals of each satellite."""
+    nav, here = sky.make_navigation(), sky.place(40.0, 20.0, 300.0)
+    sats = sky.list_visible(nav, here, 5.0)
+    places = [(sats[:9], here, 0.0), (sats[2:8], sky.move_place(here, 500.0, -900.0, 30.0), 1e-5)]
+    seen = sky.make_scene(nav, places, n=4, noise_m=3.0, rng=np.random.default_rng(4)).observations
     _, ranges, _ = measure_window(seen, nav, multipath_sigma_m=0.5, ionosphere_share=0.25)
     copies = [
         np.flatnonzero([s.sat == sat for s in seen.signals]) for sat in dict.fromkeys(s.sat for s in seen.signals)
@@ -28,8 +28,8 @@ def two_skies():
     return ranges, copies, here
 
 
-def problems(rng, m, k):
-    """Satellites (m, k, 3) above places (m, 3), ranges and sigmas, some of them unused."""
+def draw_problems(rng, m, k):
+    """Draw satellites (m, k, 3) above places (m, 3), ranges and sigmas, some of them unused."""
     place = rng.standard_normal((m, 3))
     place *= 6.38e6 / np.linalg.norm(place, axis=-1, keepdims=True)
     away = rng.standard_normal((m, k, 3)) + 1.5 * place[:, None] / 6.38e6
@@ -50,7 +50,7 @@ def test_the_inverse_equals_the_twins(n):
 
 
 def test_lines_of_sight_equal_the_twins():
-    satellite, _, _, place = problems(np.random.default_rng(1), 6, 8)
+    satellite, _, _, place = draw_problems(np.random.default_rng(1), 6, 8)
     satellite[2, 3] = np.nan
     for position in (place, place[0], np.zeros(3)):
         ours, twins = (
@@ -63,7 +63,7 @@ def test_lines_of_sight_equal_the_twins():
 
 @pytest.mark.parametrize("ionosphere", [KLOBUCHAR, None])
 def test_delays_on_the_way_equal_the_twins(ionosphere):
-    satellite, _, _, place = problems(np.random.default_rng(2), 7, 9)
+    satellite, _, _, place = draw_problems(np.random.default_rng(2), 7, 9)
     place[3] *= 1.01  # 64 km up
     place[5] = np.nan
     tow_s, carrier_hz = np.linspace(0.0, 6e5, 7), np.linspace(1.1e9, 1.6e9, 9)
@@ -76,7 +76,7 @@ def test_delays_on_the_way_equal_the_twins(ionosphere):
 @pytest.mark.parametrize("n_clocks", [1, 3])
 def test_least_squares_equal_the_twins(n_clocks):
     rng = np.random.default_rng(3)
-    satellite, range_m, sigma_m, _ = problems(rng, 12, 10)
+    satellite, range_m, sigma_m, _ = draw_problems(rng, 12, 10)
     sigma_m[2, 3:] = np.nan  # cannot be solved
     clocks = None if n_clocks == 1 else np.eye(3)[rng.integers(0, 2, 10)]  # the third has no satellite
     start = np.zeros((12, 3 + n_clocks))

@@ -14,8 +14,8 @@ from skyproof.records import SignalId
 @pytest.mark.parametrize("bias_s", [0.0, 0.0213, -0.93, 1.0])
 @pytest.mark.parametrize("where", [(59.0, 17.0, 100.0), (-33.0, 151.0, -20.0), (0.0, 180.0, 12000.0)])
 def test_without_noise_the_fix_is_right_to_a_millimetre(bias_s, where):
-    nav, position = sky.navigation(), sky.place(*where)
-    seen = sky.scene(nav, [(sky.visible(nav, position), position, bias_s)], n=20, drift=3e-7).observations
+    nav, position = sky.make_navigation(), sky.place(*where)
+    seen = sky.make_scene(nav, [(sky.list_visible(nav, position), position, bias_s)], n=20, drift=3e-7).observations
     found = fix(seen, nav)
     assert (found.status == 0).all()
     np.testing.assert_allclose(found.position_ecef_m, np.tile(position, (20, 1)), atol=1e-3)
@@ -29,10 +29,10 @@ def test_without_noise_the_fix_is_right_to_a_millimetre(bias_s, where):
 
 
 def test_a_moving_receiver_has_its_velocity():
-    nav, position = sky.navigation(), sky.place(48.0, 11.0, 9000.0)
+    nav, position = sky.make_navigation(), sky.place(48.0, 11.0, 9000.0)
     velocity = np.array([120.0, -180.0, 90.0])
     path = position + np.arange(9)[:, None] * velocity
-    seen = sky.scene(nav, [(sky.visible(nav, position), path, 5e-3)], n=9).observations
+    seen = sky.make_scene(nav, [(sky.list_visible(nav, position), path, 5e-3)], n=9).observations
     found = fix(seen, nav)
     np.testing.assert_allclose(found.position_ecef_m, path, atol=1e-3)
     np.testing.assert_allclose(found.velocity_ecef_m_s[1:-1], np.tile(velocity, (7, 1)), atol=2e-4)
@@ -40,10 +40,10 @@ def test_a_moving_receiver_has_its_velocity():
 
 def test_errors_are_as_large_as_the_covariance_says():
     rng = np.random.default_rng(100)
-    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
-    sats = sky.visible(nav, position)
-    seen = sky.scene(nav, [(sats, position, 2e-4)], n=3000, step_s=0.1).observations
-    elevation = np.stack([sky.measured(nav, s, seen.gpst, position, 0.0).elevation_rad for s in sats], axis=1)
+    nav, position = sky.make_navigation(), sky.place(59.0, 17.0, 100.0)
+    sats = sky.list_visible(nav, position)
+    seen = sky.make_scene(nav, [(sats, position, 2e-4)], n=3000, step_s=0.1).observations
+    elevation = np.stack([sky.measure(nav, s, seen.gpst, position, 0.0).elevation_rad for s in sats], axis=1)
     thermal = rng.uniform(0.5, 4.0, seen.pseudorange_m.shape)
     sigma = np.hypot(thermal, 0.7 / np.sin(elevation))
     noise = sigma * rng.standard_normal(sigma.shape)
@@ -57,8 +57,8 @@ def test_errors_are_as_large_as_the_covariance_says():
 
 
 def test_bad_epochs_have_a_status_and_good_ones_stay_good():
-    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
-    seen = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=6, noise_m=1.0).observations
+    nav, position = sky.make_navigation(), sky.place(59.0, 17.0, 100.0)
+    seen = sky.make_scene(nav, [(sky.list_visible(nav, position), position, 0.0)], n=6, noise_m=1.0).observations
     pseudorange = seen.pseudorange_m.copy()
     pseudorange[1, 3:] = np.nan
     pseudorange[2] = np.nan
@@ -82,19 +82,19 @@ def test_bad_epochs_have_a_status_and_good_ones_stay_good():
 
 
 def test_low_satellites_are_left_out_and_their_residual_is_nan():
-    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
-    sats = sky.visible(nav, position, 3.0)
-    seen = sky.scene(nav, [(sats, position, 0.0)], n=2).observations
-    elevation = np.array([sky.measured(nav, s, seen.gpst, position, 0.0).elevation_rad[0] for s in sats])
+    nav, position = sky.make_navigation(), sky.place(59.0, 17.0, 100.0)
+    sats = sky.list_visible(nav, position, 3.0)
+    seen = sky.make_scene(nav, [(sats, position, 0.0)], n=2).observations
+    elevation = np.array([sky.measure(nav, s, seen.gpst, position, 0.0).elevation_rad[0] for s in sats])
     found = fix(seen, nav, elevation_mask_deg=20.0)
     np.testing.assert_array_equal(np.isfinite(found.residual_m[0]), np.degrees(elevation) >= 20.0)
     assert (np.degrees(elevation) < 20.0).any()
 
 
 def test_two_signals_of_a_satellite_at_once_are_refused():
-    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
-    sats = sky.visible(nav, position)
-    seen = sky.scene(nav, [(sats, position, 0.0), (sats[:1], position, 1e-6)], n=4).observations
+    nav, position = sky.make_navigation(), sky.place(59.0, 17.0, 100.0)
+    sats = sky.list_visible(nav, position)
+    seen = sky.make_scene(nav, [(sats, position, 0.0), (sats[:1], position, 1e-6)], n=4).observations
     with pytest.raises(ValueError, match=rf"\b{sats[0]}\b"):
         fix(seen, nav)
     with pytest.raises(ValueError, match="no signal G32"):
@@ -111,8 +111,8 @@ def test_two_signals_of_a_satellite_at_once_are_refused():
 
 
 def test_blocks_of_epochs_give_what_the_whole_gives(monkeypatch):
-    nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
-    seen = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=25, noise_m=2.0).observations
+    nav, position = sky.make_navigation(), sky.place(59.0, 17.0, 100.0)
+    seen = sky.make_scene(nav, [(sky.list_visible(nav, position), position, 0.0)], n=25, noise_m=2.0).observations
     whole = fix(seen, nav)
     monkeypatch.setattr(fix_module, "_BLOCK_EPOCHS", 7)
     pieces = fix(seen, nav)
@@ -124,13 +124,13 @@ def test_blocks_of_epochs_give_what_the_whole_gives(monkeypatch):
 @pytest.mark.parametrize("receiver", ["rx1", "rx2"])
 @pytest.mark.parametrize("label", ["authentic", "spoofed"])
 def test_the_meaconing_pairs_true_signals_give_its_true_places(shared_data, receiver, label):
-    seen, clock_s, truth = sky.meaconing_pair(shared_data, receiver)
+    seen, clock_s, truth = sky.read_meaconing_pair(shared_data, receiver)
     found = fix(
         seen,
         read_nav(shared_data / "rf" / "brdc0010.22n"),
         signals=tuple(s for s in seen.signals if s.copy == {"authentic": "a", "spoofed": "b"}[label]),
     )
-    place, extra_s = sky.shown(truth, receiver, label)
+    place, extra_s = sky.find_shown(truth, receiver, label)
     epochs = np.flatnonzero(np.isfinite(found.clock_bias_s))
     assert epochs.size == {"authentic": 59, "spoofed": 35}[label]
     np.testing.assert_allclose(found.position_ecef_m[epochs], np.tile(place, (epochs.size, 1)), atol=0.02)

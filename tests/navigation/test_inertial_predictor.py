@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
-from tests.navigation.units import ARM, REST, ROUND, drawn_fix, erroneous, label, perfect, piece
+from tests.navigation.units import ARM, REST, ROUND, add_errors, cut_piece, draw_fix, label, read_perfectly
 
 from skyproof.gnss.frames import heading_pitch_roll_rad
 from skyproof.gnss.imu_grades import GRADES
@@ -16,11 +16,11 @@ from skyproof.navigation.predictor import SkyFix
 from skyproof.records import Attitude
 
 LEARNED_S, END_S = 30.0, 70.0
-TRUE = perfect(ROUND, END_S)
+TRUE = read_perfectly(ROUND, END_S)
 
 
-def unit(grade, rng, *, attitude_deg=1.0, motion=ROUND, readings=TRUE):
-    drawn = erroneous(readings, GRADES[grade], rng).readings
+def draw_unit(grade, rng, *, attitude_deg=1.0, motion=ROUND, readings=TRUE):
+    drawn = add_errors(readings, GRADES[grade], rng).readings
     initial = None
     if attitude_deg is not None:
         at = motion.at(np.zeros(1))
@@ -33,33 +33,33 @@ def unit(grade, rng, *, attitude_deg=1.0, motion=ROUND, readings=TRUE):
     return Inertial(readings=drawn, settings=settings, initial=initial, clock=False, by=("inertial_unit",))
 
 
-def shown(rng, start_s, end_s, *, motion=ROUND, lasting=0.0):
-    each = [drawn_fix(motion, at_s, rng, shift=lasting) for at_s in np.arange(start_s, end_s)]
+def draw_shown(rng, start_s, end_s, *, motion=ROUND, lasting=0.0):
+    each = [draw_fix(motion, at_s, rng, shift=lasting) for at_s in np.arange(start_s, end_s)]
     return SkyFix(whole=each[len(each) // 2], each=tuple(each))
 
 
-def learned(own, rng, *, lasting=0.0):
+def learn(own, rng, *, lasting=0.0):
     for start_s in np.arange(0.5, LEARNED_S, 10.0):
-        own = own.learned(shown(rng, start_s, start_s + 10.0, lasting=lasting))
+        own = own.learned(draw_shown(rng, start_s, start_s + 10.0, lasting=lasting))
     return own
 
 
-def squares_of(grade, draws, at_s, **options):
-    """Squared errors of position and velocity of the antenna over what is stated, six degrees each."""
+def draw_squares(grade, draws, at_s, **options):
+    """Draw squared errors of position and velocity of the antenna over what is stated, six degrees each."""
     found = []
     for seed in range(draws):
         rng = np.random.default_rng(seed)
         lasting = 1.5 * rng.standard_normal(3)
-        own = learned(unit(grade, rng, **options), rng, lasting=lasting)
+        own = learn(draw_unit(grade, rng, **options), rng, lasting=lasting)
         true = own.truth_at(label(at_s))
-        exact = drawn_fix(ROUND, at_s, rng, place_m=0.0, speed_m_s=0.0)
+        exact = draw_fix(ROUND, at_s, rng, place_m=0.0, speed_m_s=0.0)
         off, spread = (true.mean - exact.mean)[:6], true.covariance[:6, :6]
         found.append(float(off @ np.linalg.solve(spread, off)))
     return np.array(found)
 
 
 def test_where_it_is_when_it_ran_free_is_known_as_stated():
-    squares = squares_of("tactical", 4, 60.0)
+    squares = draw_squares("tactical", 4, 60.0)
     assert stats.chi2.sf(squares.sum(), 6 * 4) > 1e-4
     assert stats.chi2.cdf(squares.sum(), 6 * 4) > 1e-4
 
@@ -69,7 +69,7 @@ def test_where_it_is_when_it_ran_free_is_known_as_stated():
 @pytest.mark.parametrize("attitude_deg", [1.0, None], ids=["attitude stated", "aligned in motion"])
 def test_of_many_units_each_is_where_it_is_stated_to_be(grade, attitude_deg):
     for at_s in (31.0, 45.0, 69.0):
-        squares = squares_of(grade, 40, at_s, attitude_deg=attitude_deg)
+        squares = draw_squares(grade, 40, at_s, attitude_deg=attitude_deg)
         print(f"{grade}, {attitude_deg}, after {at_s - 30:g} s: squared errors {squares.mean() / 6:.2f} of stated")
         assert 0.2 < squares.mean() / 6.0 < 1.5
 
@@ -77,31 +77,31 @@ def test_of_many_units_each_is_where_it_is_stated_to_be(grade, attitude_deg):
 def test_a_predicted_fix_has_the_lasting_error_of_learned_ones():
     rng = np.random.default_rng(3)
     lasting = np.array([3.0, -2.0, 1.0])
-    own = learned(unit("navigation", rng), rng, lasting=lasting)
+    own = learn(draw_unit("navigation", rng), rng, lasting=lasting)
     at_s = label(31.0)
     expected, true = own.at(at_s), own.truth_at(at_s)
-    exact = drawn_fix(ROUND, 31.0, rng, place_m=0.0, speed_m_s=0.0)
+    exact = draw_fix(ROUND, 31.0, rng, place_m=0.0, speed_m_s=0.0)
     assert np.linalg.norm(expected.mean[:3] - exact.mean[:3] - lasting) < 1.5
     assert np.trace(expected.covariance[:3, :3]) < 0.5 * np.trace(true.covariance[:3, :3])
 
 
 def test_no_clock_without_an_oscillator_and_nothing_before_a_fix():
     rng = np.random.default_rng(1)
-    own = unit("tactical", rng)
+    own = draw_unit("tactical", rng)
     assert own.at(label(5.0)) is None
-    assert list(learned(own, rng).at(label(40.0)).there) == [0, 1, 2, 3, 4, 5]
+    assert list(learn(own, rng).at(label(40.0)).there) == [0, 1, 2, 3, 4, 5]
 
 
 def test_without_an_attitude_a_body_that_stands_is_not_aligned():
     rng = np.random.default_rng(1)
-    own = unit("tactical", rng, attitude_deg=None, motion=REST, readings=perfect(REST, 20.0))
-    assert own.learned(shown(rng, 0.5, 15.0, motion=REST)).state is None
+    own = draw_unit("tactical", rng, attitude_deg=None, motion=REST, readings=read_perfectly(REST, 20.0))
+    assert own.learned(draw_shown(rng, 0.5, 15.0, motion=REST)).state is None
 
 
 def test_missing_readings_end_it_and_it_restarts_by_learning():
     rng = np.random.default_rng(2)
-    own = learned(unit("tactical", rng), rng)
-    early, late = piece(own.readings, 0.0, 35.0), piece(own.readings, 38.0, END_S)
+    own = learn(draw_unit("tactical", rng), rng)
+    early, late = cut_piece(own.readings, 0.0, 35.0), cut_piece(own.readings, 38.0, END_S)
     rows = {
         name: np.concatenate((getattr(early, name), getattr(late, name)))
         for name in ("gpst", "specific_force_m_s2", "angular_rate_rad_s")
@@ -112,14 +112,14 @@ def test_missing_readings_end_it_and_it_restarts_by_learning():
     again = broken.until(label(40.0))
     assert again.state is None
     for start_s in (40.5, 50.5):
-        again = again.learned(shown(rng, start_s, start_s + 10.0))
-    off = again.at(label(62.0)).mean - drawn_fix(ROUND, 62.0, rng, place_m=0.0, speed_m_s=0.0).mean
+        again = again.learned(draw_shown(rng, start_s, start_s + 10.0))
+    off = again.at(label(62.0)).mean - draw_fix(ROUND, 62.0, rng, place_m=0.0, speed_m_s=0.0).mean
     assert np.linalg.norm(off[:3]) < 10.0
 
 
 def test_carried_on_in_steps_or_at_once_it_is_the_same():
     rng = np.random.default_rng(4)
-    own = learned(unit("tactical", rng), rng)
+    own = learn(draw_unit("tactical", rng), rng)
     whole = own.at(label(60.0))
     for at_s in (33.0, 41.02, 55.5):
         own = own.until(label(at_s))

@@ -39,8 +39,8 @@ MILLI_G = 9.80665e-3
 DEG_HOUR = np.radians(1.0) / 3600.0
 
 
-def drift_m(grade, at_s=233, **start):
-    """East, north, up, one sigma."""
+def predict_drift_m(grade, at_s=233, **start):
+    """Predict one sigma of position, east, north, up."""
     covariance = propagate_covariance(PATH, grade, build_start_covariance(grade, **start))[at_s, :3, :3]
     return np.sqrt(np.diag(TO_ENU @ covariance @ TO_ENU.T))
 
@@ -59,7 +59,7 @@ def drift_m(grade, at_s=233, **start):
     ],
 )
 def test_each_error_grows_by_its_closed_form(changes, start, horizontal_m, vertical_m):
-    east, north, up = drift_m(replace(NONE, **changes), **start)
+    east, north, up = predict_drift_m(replace(NONE, **changes), **start)
     assert [east, north] == pytest.approx([horizontal_m] * 2, rel=0.05)  # Schuler's pull is 2 % over 233 s
     assert up == pytest.approx(vertical_m, rel=0.06, abs=0.03 * horizontal_m)
 
@@ -71,12 +71,12 @@ def test_the_slow_biases_stay_what_they_are():
     assert np.diag(last)[18:21] == pytest.approx(grade.gyro_instability_rad_s**2, rel=1e-6)
 
 
-def ungained(name):
+def drop_gain(name):
     return replace(GRADES[name], accelerometer_scale=0.0, gyro_scale=0.0, misalignment_rad=0.0)
 
 
-def table_only(name):
-    return replace(ungained(name), accelerometer_repeatability_m_s2=0.0, gyro_repeatability_rad_s=0.0)
+def use_table_only(name):
+    return replace(drop_gain(name), accelerometer_repeatability_m_s2=0.0, gyro_repeatability_rad_s=0.0)
 
 
 WINDING = np.array([[0, 0], [1, 0], [1, 1], [2, 1], [2, 0], [3, -1], [3, -3]], np.float64)
@@ -86,27 +86,27 @@ MOVING = {"position_m": 1.0, "velocity_m_s": 0.05}
 @pytest.mark.parametrize(
     ("grade", "start", "east_m", "up_m"),
     [
-        (table_only("navigation"), {}, (0.5, 1.7, 2.5), (0.5, 1.7, 2.4)),
-        (table_only("navigation"), MOVING, (5, 9.5, 12), (5, 10, 12)),
-        (ungained("navigation-calibrated"), MOVING | {"tilt_rad": np.radians(0.003)}, (6, 14, 19), (5, 10, 13)),
-        (ungained("navigation"), MOVING | {"tilt_rad": np.radians(0.01)}, (10, 33, 49), (5.5, 11, 15)),
-        (table_only("tactical"), {}, (10, 54, 92), (2.4, 8, 12)),
-        (table_only("tactical"), MOVING, (12, 55, 93), (6, 13, 18)),
-        (ungained("tactical-calibrated"), MOVING | {"tilt_rad": np.radians(0.02)}, (25, 111, 182), (12, 40, 59)),
-        (ungained("tactical"), MOVING | {"tilt_rad": np.radians(0.1)}, (103, 425, 686), (39, 139, 208)),
+        (use_table_only("navigation"), {}, (0.5, 1.7, 2.5), (0.5, 1.7, 2.4)),
+        (use_table_only("navigation"), MOVING, (5, 9.5, 12), (5, 10, 12)),
+        (drop_gain("navigation-calibrated"), MOVING | {"tilt_rad": np.radians(0.003)}, (6, 14, 19), (5, 10, 13)),
+        (drop_gain("navigation"), MOVING | {"tilt_rad": np.radians(0.01)}, (10, 33, 49), (5.5, 11, 15)),
+        (use_table_only("tactical"), {}, (10, 54, 92), (2.4, 8, 12)),
+        (use_table_only("tactical"), MOVING, (12, 55, 93), (6, 13, 18)),
+        (drop_gain("tactical-calibrated"), MOVING | {"tilt_rad": np.radians(0.02)}, (25, 111, 182), (12, 40, 59)),
+        (drop_gain("tactical"), MOVING | {"tilt_rad": np.radians(0.1)}, (103, 425, 686), (39, 139, 208)),
     ],
 )
 def test_drifts_are_those_of_the_guide(grade, start, east_m, up_m):
-    found = np.array([drift_m(grade, at_s, **start) for at_s in (100, 190, 233)])
+    found = np.array([predict_drift_m(grade, at_s, **start) for at_s in (100, 190, 233)])
     assert found[:, 0] == pytest.approx(east_m, rel=0.09)  # the guide counted 300 runs: 4 % is one sigma
     assert found[:, 2] == pytest.approx(up_m, rel=0.09)
 
 
-def drifting_units(n, grade, rng, **start):
-    """Errors of position and attitude of n units after the approach, at 2 Hz."""
+def draw_units(n, grade, rng, **start):
+    """Draw errors of position and attitude of n units after the approach, at 2 Hz."""
     unit = simulate_inertial(APPROACH.at, rate_hz=2.0, duration_s=233.0)
     true = unit.read(0, unit.n_samples)
-    wrong = np.stack([_errors(grade, k, unit.n_samples) for k in range(n)])
+    wrong = np.stack([_draw_errors(grade, k, unit.n_samples) for k in range(n)])
     return navigate_paths(
         PATH.position_ecef_m[0],
         PATH.velocity_ecef_m_s[0] + start["velocity_m_s"] * rng.standard_normal((n, 3)),
@@ -117,15 +117,15 @@ def drifting_units(n, grade, rng, **start):
     )
 
 
-def _errors(grade, seed, n):
+def _draw_errors(grade, seed, n):
     errors = ImuErrors.of(grade, 2.0, 1, seed)
     return errors.bias + errors.drawn(0)[:n]
 
 
 def test_units_drift_as_the_model_says():
     rng = np.random.default_rng(2)
-    grade = ungained("tactical")
-    places, speeds, attitudes = drifting_units(300, grade, rng, velocity_m_s=0.2)
+    grade = drop_gain("tactical")
+    places, speeds, attitudes = draw_units(300, grade, rng, velocity_m_s=0.2)
     predicted = propagate_covariance(PATH, grade, build_start_covariance(grade, velocity_m_s=0.2))[233]
     turned = attitudes[:, -1] @ MOTION.attitude[233].T
     psi = 0.5 * np.stack(

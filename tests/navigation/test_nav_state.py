@@ -14,15 +14,15 @@ NUMBERS = st.floats(-100.0, 100.0)
 VECTORS = st.tuples(NUMBERS, NUMBERS, NUMBERS).map(np.array)
 
 
-def at(seconds):
+def make_time(seconds):
     return GPS_EPOCH + np.rint(np.asarray(seconds) * 1e9).astype("timedelta64[ns]")
 
 
-def even(seconds, velocity, turn_rad_s):
-    """A body that leaves its place evenly and turns about one axis."""
+def make_even_motion(seconds, velocity, turn_rad_s):
+    """Make a body that leaves its place evenly and turns about one axis."""
     n = len(seconds)
     return NavState(
-        gpst=at(seconds),
+        gpst=make_time(seconds),
         position_ecef_m=np.array([6.4e6, 0.0, 0.0]) + np.outer(seconds, velocity),
         velocity_ecef_m_s=np.tile(velocity, (n, 1)),
         attitude=Rotation.from_rotvec(np.outer(seconds, turn_rad_s)).as_matrix(),
@@ -34,9 +34,9 @@ def even(seconds, velocity, turn_rad_s):
 def test_even_motion_is_met_between_the_states(seconds, velocity, axis):
     turn_rad_s = 0.018 * axis  # less than half a turn from state to state
     found = interpolate_state(
-        even(np.array([0.0, 0.3, 1.0, 2.0, 4.0, 9.0]) * 1.0, velocity, 0.2 * turn_rad_s), at(seconds)
+        make_even_motion(np.array([0.0, 0.3, 1.0, 2.0, 4.0, 9.0]) * 1.0, velocity, 0.2 * turn_rad_s), make_time(seconds)
     )
-    wanted = even(np.array(seconds), velocity, 0.2 * turn_rad_s)
+    wanted = make_even_motion(np.array(seconds), velocity, 0.2 * turn_rad_s)
     assert np.array_equal(found.gpst, wanted.gpst)
     np.testing.assert_allclose(found.position_ecef_m, wanted.position_ecef_m, atol=1e-6)
     np.testing.assert_allclose(found.attitude, wanted.attitude, atol=1e-8)
@@ -44,7 +44,7 @@ def test_even_motion_is_met_between_the_states(seconds, velocity, axis):
 
 
 def test_what_is_not_known_stays_so_between_the_states():
-    state = even(np.array([0.0, 1.0]), np.ones(3), np.zeros(3))
+    state = make_even_motion(np.array([0.0, 1.0]), np.ones(3), np.zeros(3))
     covariance = state.covariance.copy()
     covariance[:, range(6), range(6)] = np.inf
     found = interpolate_state(
@@ -55,13 +55,15 @@ def test_what_is_not_known_stays_so_between_the_states():
             attitude=state.attitude,
             covariance=covariance,
         ),
-        at([0.0, 0.25, 1.0]),
+        make_time([0.0, 0.25, 1.0]),
     )
     assert np.isinf(found.covariance[:, range(6), range(6)]).all()
     assert found.covariance[:, 8, 8] == pytest.approx([0.0, 0.25, 1.0])
 
 
 def test_one_state_holds_at_its_own_time_only():
-    state = even(np.array([1.0]), np.ones(3), np.zeros(3))
-    assert mark_covered(state, at([0.999999999, 1.0, 1.000000001])).tolist() == [False, True, False]
-    assert np.array_equal(interpolate_state(state, at([1.0, 1.0])).position_ecef_m, state.position_ecef_m[[0, 0]])
+    state = make_even_motion(np.array([1.0]), np.ones(3), np.zeros(3))
+    assert mark_covered(state, make_time([0.999999999, 1.0, 1.000000001])).tolist() == [False, True, False]
+    assert np.array_equal(
+        interpolate_state(state, make_time([1.0, 1.0])).position_ecef_m, state.position_ecef_m[[0, 0]]
+    )

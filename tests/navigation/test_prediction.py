@@ -16,7 +16,7 @@ from skyproof.simulator.clocks import make_clock
 HOME = np.array([3.8e6, 7.9e5, 5.0e6])
 
 
-def a_fix(place_m, sigma_m, rng=None, velocity=None):
+def draw_fix(place_m, sigma_m, rng=None, velocity=None):
     off = np.zeros(3) if rng is None else sigma_m * rng.standard_normal(3)
     return estimate_from_parts(
         GPS_EPOCH,
@@ -27,9 +27,12 @@ def a_fix(place_m, sigma_m, rng=None, velocity=None):
     )
 
 
-def drawn_choices(n, rng, most_wrong, apart_m=None):
-    """Prediction and fix of the true sky with errors of their covariances, and a false one at a fixed distance, or
-    anywhere within 25 m along each axis: what was chosen, and which is true."""
+def draw_choices(n, rng, most_wrong, apart_m=None):
+    """Draw predictions and fixes of the true sky, and a false one, and choose between them.
+
+    The false one is at a fixed distance, or anywhere within 25 m along each axis. Return what was chosen, and which
+    is true.
+    """
     root = np.array([[9.0, 0.0, 0.0], [3.0, 6.0, 0.0], [0.0, -2.0, 3.0]])
     for _ in range(n):
         prediction = estimate_from_parts(
@@ -38,7 +41,7 @@ def drawn_choices(n, rng, most_wrong, apart_m=None):
         apart = rng.uniform(-25.0, 25.0, 3)
         if apart_m is not None:
             apart *= apart_m / np.linalg.norm(apart)
-        skies = [a_fix(np.zeros(3), 2.0, rng), a_fix(apart, 2.0, rng)]
+        skies = [draw_fix(np.zeros(3), 2.0, rng), draw_fix(apart, 2.0, rng)]
         order = rng.permutation(2)
         found = choose(prediction, [skies[k] for k in order], most_wrong=most_wrong, false_alarm_probability=1e-9)
         yield found, int(np.flatnonzero(order == 0)[0])
@@ -46,7 +49,7 @@ def drawn_choices(n, rng, most_wrong, apart_m=None):
 
 def test_of_skies_anywhere_as_many_are_wrong_as_predicted():
     predicted, wrong = 0.0, 0
-    for found, true in drawn_choices(1000, np.random.default_rng(1), 1.0):
+    for found, true in draw_choices(1000, np.random.default_rng(1), 1.0):
         predicted += found.wrong_probability
         wrong += int(np.argmax(found.probabilities)) != true
     print(f"anywhere within 25 m: {wrong} of 1000 wrong, predicted {predicted:.1f}")
@@ -57,7 +60,7 @@ def test_of_skies_anywhere_as_many_are_wrong_as_predicted():
 @pytest.mark.parametrize("apart_m", [2.0, 20.0])
 def test_whatever_the_distance_no_more_are_wrong_than_the_limit(apart_m):
     rng, limit, n = np.random.default_rng(int(apart_m)), 1e-2, 500
-    found = list(drawn_choices(n, rng, limit, apart_m))
+    found = list(draw_choices(n, rng, limit, apart_m))
     chosen = [choice.chosen == true for choice, true in found if choice.chosen is not None]
     print(f"{apart_m:g} m apart: {len(chosen)} of {n} chosen, {chosen.count(False)} wrong")
     assert len(chosen) < n
@@ -68,15 +71,15 @@ def test_whatever_the_distance_no_more_are_wrong_than_the_limit(apart_m):
 
 def test_an_unfitting_sky_is_not_taken_even_if_the_only_one():
     prediction = estimate_from_parts(GPS_EPOCH, position_ecef_m=HOME, position_m2=np.eye(3))
-    found = choose(prediction, [a_fix(np.array([50.0, 0.0, 0.0]), 1.0)])
+    found = choose(prediction, [draw_fix(np.array([50.0, 0.0, 0.0]), 1.0)])
     assert found.chosen is None
     assert found.fits[0] < 1e-9
-    assert choose(prediction, [a_fix(np.zeros(3), 1.0)]).chosen == 0
+    assert choose(prediction, [draw_fix(np.zeros(3), 1.0)]).chosen == 0
 
 
 def test_nothing_is_chosen_of_two_that_are_alike():
     prediction = estimate_from_parts(GPS_EPOCH, position_ecef_m=HOME, position_m2=np.eye(3))
-    found = choose(prediction, [a_fix(np.zeros(3), 1.0), a_fix(np.array([0.5, 0.0, 0.0]), 1.0)])
+    found = choose(prediction, [draw_fix(np.zeros(3), 1.0), draw_fix(np.array([0.5, 0.0, 0.0]), 1.0)])
     assert found.chosen is None
     assert found.wrong_probability == pytest.approx(0.5, abs=0.1)
 
@@ -84,7 +87,7 @@ def test_nothing_is_chosen_of_two_that_are_alike():
 @given(st.permutations(range(3)))
 def test_the_order_of_skies_is_of_no_account(order):
     prediction = estimate_from_parts(GPS_EPOCH, position_ecef_m=HOME, position_m2=4.0 * np.eye(3))
-    skies = [a_fix(np.array([east, 0.0, 0.0]), 1.0) for east in (0.0, 3.0, -8.0)]
+    skies = [draw_fix(np.array([east, 0.0, 0.0]), 1.0) for east in (0.0, 3.0, -8.0)]
     found = choose(prediction, [skies[k] for k in order])
     straight = choose(prediction, skies)
     assert [found.probabilities[order.index(k)] for k in range(3)] == pytest.approx(list(straight.probabilities))
@@ -98,10 +101,10 @@ def test_only_what_all_have_is_compared():
         clock_m=np.zeros(2),
         clock_m2=np.eye(2),
     )
-    assert choose(prediction, [a_fix(0.0, 1.0, velocity=np.zeros(3))]).used == (0, 1, 2)
+    assert choose(prediction, [draw_fix(0.0, 1.0, velocity=np.zeros(3))]).used == (0, 1, 2)
     only_clock = estimate_from_parts(GPS_EPOCH, clock_m=np.zeros(2), clock_m2=np.eye(2))
     with pytest.raises(ValueError, match="nothing to"):
-        choose(only_clock, [a_fix(0.0, 1.0)])
+        choose(only_clock, [draw_fix(0.0, 1.0)])
 
 
 def test_a_clock_push_alone_is_recognized_by_the_oscillator():
@@ -115,7 +118,7 @@ def test_a_clock_push_alone_is_recognized_by_the_oscillator():
     )
     later = GPS_EPOCH + np.timedelta64(60, "s")
 
-    def sky(push_m: float) -> NavEstimate:
+    def make_sky(push_m: float) -> NavEstimate:
         return estimate_from_parts(
             later,
             position_ecef_m=HOME,
@@ -125,7 +128,7 @@ def test_a_clock_push_alone_is_recognized_by_the_oscillator():
         )
 
     chosen = {
-        name: choose(predict_standing(last, later, OSCILLATORS[name]), [sky(0.0), sky(30.0)]).chosen
+        name: choose(predict_standing(last, later, OSCILLATORS[name]), [make_sky(0.0), make_sky(30.0)]).chosen
         for name in ("tcxo", "rubidium")
     }
     assert chosen == {"tcxo": None, "rubidium": 0}
@@ -149,7 +152,7 @@ def test_a_standing_receivers_clock_is_where_its_class_says():
 
 
 def test_a_standing_receiver_stays_and_what_was_unknown_stays_so():
-    last = a_fix(0.0, 1.0)
+    last = draw_fix(0.0, 1.0)
     found = predict_standing(last, GPS_EPOCH + np.timedelta64(3600, "s"), OSCILLATORS["tcxo"])
     assert found.mean[:3] == pytest.approx(HOME)
     assert np.diag(found.covariance)[:3] == pytest.approx(1.0)
@@ -160,8 +163,11 @@ def test_a_standing_receiver_stays_and_what_was_unknown_stays_so():
 def test_one_fix_is_tested_as_the_only_one_of_a_choice_is():
     # In all that both know: a fix with velocity against a prediction without one is tested in place alone.
     rng = np.random.default_rng(11)
-    prediction = a_fix(np.zeros(3), 3.0)
-    for fix in (a_fix(np.zeros(3), 2.0, rng), a_fix(np.array([5.0, 0.0, 0.0]), 2.0, rng, velocity=np.full(3, 0.1))):
+    prediction = draw_fix(np.zeros(3), 3.0)
+    for fix in (
+        draw_fix(np.zeros(3), 2.0, rng),
+        draw_fix(np.array([5.0, 0.0, 0.0]), 2.0, rng, velocity=np.full(3, 0.1)),
+    ):
         assert fit_p_value(prediction, fix) == choose(prediction, [fix]).fits[0]
     clock_only = estimate_from_parts(GPS_EPOCH, clock_m=np.zeros(2), clock_m2=np.eye(2))
     with pytest.raises(ValueError, match="nothing to"):

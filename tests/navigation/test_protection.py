@@ -22,13 +22,13 @@ def design_of(rng, leading, k, clocks=1):
     return np.concatenate((-unit, np.broadcast_to(of, (*leading, k, clocks))), axis=-1)
 
 
-def estimates(design, misfit, sigma):
-    """Position errors of the weighted fit by NumPy's own solver."""
+def fit(design, misfit, sigma):
+    """Return position errors of the weighted fit by NumPy's own solver."""
     return np.einsum("...ij,...j->...i", np.linalg.pinv(design / sigma[..., None]), misfit / sigma)[..., :3]
 
 
-def most_harmful(design, sigma):
-    """The satellite whose bias moves the position farthest for what it adds to the residuals."""
+def find_most_harmful(design, sigma):
+    """Find the satellite whose bias moves the position most for what it adds to the residuals."""
     scaled = design / sigma[..., None]
     inverse = np.linalg.pinv(scaled)
     redundancy = 1.0 - np.einsum("...ij,...ji->...i", scaled, inverse)
@@ -58,21 +58,21 @@ def test_one_redundant_satellite_alarms_at_exactly_the_rate():
     assert stats.binomtest(int(found.alarm.sum()), trials, 0.02).pvalue > 1e-3
 
 
-def worst_count(k, clocks, biases_sigma, trials, risk, rng, scale=1.0):
-    """How many errors exceed `scale` levels without an alarm, for the worst bias of the most harmful satellite.
+def count_worst(k, clocks, biases_sigma, trials, risk, rng, scale=1.0):
+    """Count errors over `scale` levels without an alarm, for the worst bias of the most harmful satellite.
 
-    Biases in sigmas of the residual's own test, so that those near the threshold are among them everywhere.
+    Biases are in sigmas of the residual's own test, so that those near the threshold are among them everywhere.
     """
     design = design_of(rng, (trials,), k, clocks)
     sigma = rng.uniform(0.5, 3.0, (trials, k))
-    faulty, redundancy = most_harmful(design, sigma)
+    faulty, redundancy = find_most_harmful(design, sigma)
     cell = np.arange(trials), faulty
     worst = 0
     for bias in biases_sigma:
         misfit = sigma * rng.standard_normal(sigma.shape)
         misfit[cell] += bias * sigma[cell] / np.sqrt(redundancy[cell])
         found = compute_protection_levels(design, misfit, sigma, EYE, integrity_risk=risk, false_alarm_probability=0.01)
-        error = estimates(design, misfit, sigma)
+        error = fit(design, misfit, sigma)
         horizontal = np.hypot(error[:, 0], error[:, 1]) > scale * found.horizontal_m
         vertical = np.abs(error[:, 2]) > scale * found.vertical_m
         worst = max(worst, int((horizontal & ~found.alarm).sum()), int((vertical & ~found.alarm).sum()))
@@ -83,12 +83,12 @@ def worst_count(k, clocks, biases_sigma, trials, risk, rng, scale=1.0):
 def test_one_biased_satellite_keeps_the_levels_risk(k, clocks):
     rng = np.random.default_rng(20 + k)
     trials, risk = 6000, 0.01
-    worst = worst_count(k, clocks, (0.0, 1.0, 2.0, 3.0, 3.5, 4.0, 4.5, 5.0, 7.0, 30.0), trials, risk, rng)
+    worst = count_worst(k, clocks, (0.0, 1.0, 2.0, 3.0, 3.5, 4.0, 4.5, 5.0, 7.0, 30.0), trials, risk, rng)
     assert stats.binomtest(worst, trials, risk, alternative="greater").pvalue > 1e-3
 
 
 def test_the_level_is_not_so_wide_that_it_says_nothing():
-    worst = worst_count(9, 1, (2.5, 3.0, 3.5), 6000, 0.01, np.random.default_rng(3), scale=0.6)
+    worst = count_worst(9, 1, (2.5, 3.0, 3.5), 6000, 0.01, np.random.default_rng(3), scale=0.6)
     assert worst > 0.03 * 6000  # three fifths of it would be left more often than stated
 
 
@@ -120,11 +120,11 @@ def test_levels_turn_with_the_axes_and_shrink_with_the_noise():
     np.testing.assert_allclose(half.vertical_m, 0.5 * plain.vertical_m, rtol=1e-8)
 
 
-def fixed(n_satellites, *, bias_m=0.0, risk=1e-4):
-    """Ten epochs of a fix, with the levels; a satellite of the last epoch is off by `bias_m`."""
-    nav, place = sky.navigation(), sky.place(48.0, 11.0, 500.0)
-    names = sky.visible(nav, place)[:n_satellites]
-    seen = sky.scene(nav, [(names, place, 3e-4)], noise_m=0.3).observations
+def fix_epochs(n_satellites, *, bias_m=0.0, risk=1e-4):
+    """Fix ten epochs with their levels; a satellite of the last epoch is off by `bias_m`."""
+    nav, place = sky.make_navigation(), sky.place(48.0, 11.0, 500.0)
+    names = sky.list_visible(nav, place)[:n_satellites]
+    seen = sky.make_scene(nav, [(names, place, 3e-4)], noise_m=0.3).observations
     ranges_m = seen.pseudorange_m.copy()
     ranges_m[-1, 2] += bias_m
     fix, geometry = fix_and_geometry(replace(seen, pseudorange_m=ranges_m), nav)
@@ -132,7 +132,7 @@ def fixed(n_satellites, *, bias_m=0.0, risk=1e-4):
 
 
 def test_a_fixs_level_is_not_below_its_covariances():
-    found, risk = fixed(9), 1e-4
+    found, risk = fix_epochs(9), 1e-4
     lat_rad, lon_rad, _ = geodetic_from_ecef(found.position_ecef_m)
     rot = rot_enu_ecef(lat_rad, lon_rad)
     covariance_m2 = rot @ found.covariance_m2[:, :3, :3] @ np.swapaxes(rot, -1, -2)
@@ -143,14 +143,14 @@ def test_a_fixs_level_is_not_below_its_covariances():
 
 
 def test_a_fix_with_an_alarm_has_no_level_its_neighbours_do():
-    found = fixed(9, bias_m=60.0)
+    found = fix_epochs(9, bias_m=60.0)
     assert (found.status == 0).all()
     assert np.isnan(found.protection_m[-1]).all()
     assert np.isfinite(found.protection_m[:-1]).all()
 
 
 def test_a_fix_without_redundancy_has_no_level():
-    assert np.isnan(fixed(4).protection_m).all()
-    three = fixed(3)
+    assert np.isnan(fix_epochs(4).protection_m).all()
+    three = fix_epochs(3)
     assert (three.status != 0).all()
     assert np.isnan(three.protection_m).all()

@@ -15,19 +15,19 @@ from skyproof.navigation.ranges import compute_atmosphere, correct_ranges
 from skyproof.records import NavigationData, SignalId
 
 
-def one_signal(sat="G05", **changes):
+def make_signal(sat="G05", **changes):
     return (replace(SignalId(sat), **changes),)
 
 
 def test_an_epoch_label_wrong_by_a_second_moves_no_satellite():
-    nav, position = sky.navigation(), sky.place(45.0, 5.0, 0.0)
-    (sat, *_) = sky.visible(nav, position)
+    nav, position = sky.make_navigation(), sky.place(45.0, 5.0, 0.0)
+    (sat, *_) = sky.list_visible(nav, position)
     gpst = sky.START + np.arange(5) * np.timedelta64(1, "s")
-    right = sky.measured(nav, sat, gpst, position, 0.0).pseudorange_m[:, None]
+    right = sky.measure(nav, sat, gpst, position, 0.0).pseudorange_m[:, None]
     wrong_label = gpst + np.timedelta64(937_000_001, "ns")
     wrong = right + 0.937000001 * sky.C
-    a = correct_ranges(one_signal(sat), gpst, right, nav)
-    b = correct_ranges(one_signal(sat), wrong_label, wrong, nav)
+    a = correct_ranges(make_signal(sat), gpst, right, nav)
+    b = correct_ranges(make_signal(sat), wrong_label, wrong, nav)
     np.testing.assert_allclose(b.satellite_ecef_m, a.satellite_ecef_m, atol=2e-6)
     np.testing.assert_allclose(b.transmission_tow_s, a.transmission_tow_s, atol=3e-10)
     np.testing.assert_allclose(b.range_m - a.range_m, 0.937000001 * sky.C, atol=1e-6)
@@ -40,10 +40,10 @@ def test_each_epoch_takes_the_best_ephemeris_of_navigation():
     nav = NavigationData(ephemerides=early.ephemerides + shifted)
     gpst = np.datetime64("2022-03-04T04:50:00", "ns") + np.arange(0, 1200, 60) * np.timedelta64(1, "s")
     pseudorange = np.full((gpst.size, 1), 2.2e7)
-    ranges = correct_ranges(one_signal(), gpst, pseudorange, nav)
+    ranges = correct_ranges(make_signal(), gpst, pseudorange, nav)
     for row, label in enumerate(gpst):
         alone = NavigationData(ephemerides=(nav.best("G05", label),))
-        expected = correct_ranges(one_signal(), gpst[row : row + 1], pseudorange[:1], alone)
+        expected = correct_ranges(make_signal(), gpst[row : row + 1], pseudorange[:1], alone)
         np.testing.assert_array_equal(ranges.range_m[row], expected.range_m[0])
     assert np.ptp(ranges.range_m) > 250.0  # the change of ephemeris, here of 1 us, has taken place
 
@@ -85,7 +85,7 @@ def test_ranges_of_all_systems_equal_those_of_the_numpy_twin(shared_data):
 
 
 def test_copies_share_an_ephemeris_and_keep_their_columns():
-    nav = sky.navigation()
+    nav = sky.make_navigation()
     signals = (SignalId("G07"), SignalId("G05"), SignalId("G07", copy="b"))
     pseudorange = np.array([[2.2e7, 2.3e7, 2.2e7], [2.2e7, 2.3e7, np.nan]])
     ranges = correct_ranges(signals, sky.START + np.arange(2) * np.timedelta64(1, "s"), pseudorange, nav)
@@ -107,7 +107,7 @@ def test_copies_share_an_ephemeris_and_keep_their_columns():
     ids=["no L1 C/A", "unhealthy", "too old", "no ephemeris"],
 )
 def test_what_cannot_be_placed_is_nan(signal, change):
-    nav = sky.navigation()
+    nav = sky.make_navigation()
     nav = replace(nav, ephemerides=tuple(replace(e, **change) for e in nav.ephemerides if e.sat == "G05"))
     ranges = correct_ranges((signal,), np.array([sky.START]), np.array([[2.2e7]]), nav)
     assert np.isnan(ranges.range_m).all()
@@ -115,9 +115,9 @@ def test_what_cannot_be_placed_is_nan(signal, change):
 
 
 def test_the_atmosphere_is_that_of_the_models():
-    nav, position = sky.navigation(), sky.place(45.0, 5.0, 300.0)
+    nav, position = sky.make_navigation(), sky.place(45.0, 5.0, 300.0)
     lat, lon = np.radians(45.0), np.radians(5.0)
-    satellite = np.stack([sky.moved(position, 1e7 * x, 5e6, 2e7) for x in (-1.0, 0.3, 4.0)])
+    satellite = np.stack([sky.move_place(position, 1e7 * x, 5e6, 2e7) for x in (-1.0, 0.3, 4.0)])
     az, el = compute_azimuth_elevation(position, satellite)
     delays = compute_atmosphere(position, satellite, np.float64(43200.0), nav.ionosphere, ionosphere_share=0.5)
     ionosphere = sky.C * compute_klobuchar_s(nav.ionosphere, lat, lon, az, el, 43200.0)
@@ -128,14 +128,14 @@ def test_the_atmosphere_is_that_of_the_models():
 
 def test_without_parameters_the_ionosphere_is_all_uncertain():
     position = sky.place(45.0, 5.0, 0.0)
-    delays = compute_atmosphere(position, sky.moved(position, 0.0, 0.0, 2e7)[None], np.float64(0.0), None)
+    delays = compute_atmosphere(position, sky.move_place(position, 0.0, 0.0, 2e7)[None], np.float64(0.0), None)
     np.testing.assert_allclose(delays.sigma_m, 3.0, atol=0.02)
     np.testing.assert_allclose(delays.delay_m - delays.sigma_m, compute_troposphere_m(np.radians(45.0), 0.0, np.pi / 2))
 
 
 def test_the_ionosphere_goes_with_the_inverse_square_of_carrier():
-    nav, position = sky.navigation(), sky.place(45.0, 5.0, 300.0)
-    satellite = np.stack([sky.moved(position, x, 0.0, 2e7) for x in (0.0, 1e7)])
+    nav, position = sky.make_navigation(), sky.place(45.0, 5.0, 300.0)
+    satellite = np.stack([sky.move_place(position, x, 0.0, 2e7) for x in (0.0, 1e7)])
     one = compute_atmosphere(position, satellite, np.float64(43200.0), nav.ionosphere)
     carrier_hz = np.array([1575.42e6, 1575.42e6 / 2.0])
     two = compute_atmosphere(position, satellite, np.float64(43200.0), nav.ionosphere, carrier_hz=carrier_hz)
@@ -145,7 +145,7 @@ def test_the_ionosphere_goes_with_the_inverse_square_of_carrier():
 
 
 def test_strange_places_have_finite_delays():
-    nav = sky.navigation()
+    nav = sky.make_navigation()
     satellite = np.array([[2.6e7, 0.0, 0.0], [-2.6e7, 1e6, 0.0]])  # overhead and under the feet
     for height_m in (-2e4, 2e5, 1e6, 3e7):
         delays = compute_atmosphere(sky.place(1.0, 0.0, height_m), satellite, np.float64(0.0), nav.ionosphere)

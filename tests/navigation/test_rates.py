@@ -8,7 +8,7 @@ from skyproof.navigation.rates import fill_dopplers
 from skyproof.records import CellStatus
 
 
-def without(o, rows=slice(None)):
+def drop_rows(o, rows=slice(None)):
     doppler_hz = o.doppler_hz.copy()
     doppler_hz[rows] = np.nan
     return replace(o, doppler_hz=doppler_hz, doppler_sigma_hz=np.where(np.isnan(doppler_hz), np.nan, 0.1))
@@ -16,20 +16,20 @@ def without(o, rows=slice(None)):
 
 @pytest.fixture
 def seen():
-    """Nine epochs of a sky whose Dopplers are right: those at the ends of a scene are of one side only."""
+    """Make nine epochs of a sky whose Dopplers are right; those at the ends of a scene are one-sided."""
 
-    def made(step_s):
-        nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
-        skies = [(sky.visible(nav, position), position, 0.0)]
-        return sky.scene(nav, skies, n=11, drift=1e-6, step_s=step_s).observations.select(slice(1, -1))
+    def make(step_s):
+        nav, position = sky.make_navigation(), sky.place(59.0, 17.0, 100.0)
+        skies = [(sky.list_visible(nav, position), position, 0.0)]
+        return sky.make_scene(nav, skies, n=11, drift=1e-6, step_s=step_s).observations.select(slice(1, -1))
 
-    return made
+    return make
 
 
 @pytest.mark.parametrize(("step_s", "within_hz"), [(0.05, 0.05), (1.0, 0.05), (30.0, 0.1)])
 def test_a_missing_doppler_is_the_slope_of_the_phase(seen, step_s, within_hz):
     o = seen(step_s)
-    found, derived = fill_dopplers(without(o))
+    found, derived = fill_dopplers(drop_rows(o))
     assert derived.all()
     np.testing.assert_allclose(found.doppler_hz, o.doppler_hz, atol=within_hz)
     assert np.isfinite(found.doppler_sigma_hz).all()
@@ -38,7 +38,7 @@ def test_a_missing_doppler_is_the_slope_of_the_phase(seen, step_s, within_hz):
 
 def test_a_doppler_that_is_there_stays(seen):
     o = seen(1.0)
-    found, derived = fill_dopplers(without(o, np.array([3])))
+    found, derived = fill_dopplers(drop_rows(o, np.array([3])))
     assert derived.mean() == pytest.approx(1.0 / 9.0)
     kept = np.arange(9) != 3
     np.testing.assert_array_equal(found.doppler_hz[kept], o.doppler_hz[kept])
@@ -48,7 +48,7 @@ def test_a_doppler_that_is_there_stays(seen):
 
 
 def test_a_phase_is_not_followed_over_a_slip_or_a_gap(seen):
-    o = without(seen(1.0))
+    o = drop_rows(seen(1.0))
     status, carrier_cyc = o.status.copy(), o.carrier_cyc.copy()
     status[5, 0] = CellStatus.SLIP
     carrier_cyc[5:, 0] += 1e5

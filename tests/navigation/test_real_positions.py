@@ -30,7 +30,7 @@ STATIONS = {
 }
 
 
-def station(shared_data, name, systems):
+def read_station(shared_data, name, systems):
     observations, navigation, truth = STATIONS[name]
     seen = read_obs(shared_data / "real" / observations).observations
     signals = tuple(s for s in select_code_signals(seen) if s.sat[0] in systems)
@@ -38,7 +38,7 @@ def station(shared_data, name, systems):
     return seen, read_nav(shared_data / "real" / navigation), signals, np.array(truth)
 
 
-def errors_enu_m(position, truth):
+def find_errors_enu_m(position, truth):
     lat, lon, _ = geodetic_from_ecef(truth)
     return (position - truth) @ rot_enu_ecef(lat, lon).T
 
@@ -58,14 +58,14 @@ CASES = [
 @pytest.mark.parametrize("how", ["fix", "static"])
 @pytest.mark.parametrize(("name", "systems"), CASES)
 def test_a_station_is_found_in_metres_and_within_its_sigma(shared_data, name, systems, how):
-    seen, nav, signals, truth = station(shared_data, name, systems)
+    seen, nav, signals, truth = read_station(shared_data, name, systems)
     if how == "fix":
         found = fix(seen, nav, signals=signals, elevation_mask_deg=10.0)
     else:
         settings = FilterSettings(mode="static", elevation_mask_deg=10.0)
         found = step(None, seen, nav, settings=settings, signals=signals)[0].fix
     assert (found.status == 0).all()
-    error = errors_enu_m(found.position_ecef_m, truth)
+    error = find_errors_enu_m(found.position_ecef_m, truth)
     assert np.quantile(np.hypot(error[:, 0], error[:, 1]), 0.95) < 4.5
     assert np.quantile(np.abs(error[:, 2]), 0.95) < 5.0
     off = found.position_ecef_m - truth
@@ -77,15 +77,15 @@ def test_a_station_is_found_in_metres_and_within_its_sigma(shared_data, name, sy
 def test_two_receivers_a_metre_apart_are_found_a_metre_apart(shared_data):
     places = []
     for name in ("base", "rover"):
-        seen, nav, signals, truth = station(shared_data, name, "GERC")
-        places.append(errors_enu_m(fix(seen, nav, signals=signals).position_ecef_m, truth))
+        seen, nav, signals, truth = read_station(shared_data, name, "GERC")
+        places.append(find_errors_enu_m(fix(seen, nav, signals=signals).position_ecef_m, truth))
     apart = np.median(places[1] - places[0], axis=0)  # orbits and atmosphere are the same
     assert np.abs(apart[:2]).max() < 0.5
     assert abs(apart[2]) < 1.0
 
 
 def test_more_systems_do_not_worsen_the_station(shared_data):
-    seen, nav, signals, truth = station(shared_data, "base", "GERC")
+    seen, nav, signals, truth = read_station(shared_data, "base", "GERC")
     every = fix(seen, nav, signals=signals, elevation_mask_deg=10.0)
     alone = fix(seen, nav, signals=tuple(s for s in signals if s.sat[0] == "G"), elevation_mask_deg=10.0)
     norms = [np.median(np.linalg.norm(f.position_ecef_m - truth, axis=1)) for f in (every, alone)]
@@ -107,6 +107,6 @@ def test_a_car_that_comes_back_is_found_at_its_old_place(shared_data):
     assert np.median(speed[15:38]) < 0.15
     assert np.median(speed[-40:]) < 0.15
     assert speed[60:300].max() > 3.0
-    first = errors_enu_m(place, place[20])
+    first = find_errors_enu_m(place, place[20])
     assert 100.0 < np.ptp(first[:, 0]) < 160.0
     assert 25.0 < np.ptp(first[:, 1]) < 60.0

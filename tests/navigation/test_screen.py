@@ -13,8 +13,8 @@ from skyproof.testing import MeasuredScene, TrackErrors
 EPOCHS = 30
 
 
-def fix_of(sats: int, late_m: float = 0.0, first: int = EPOCHS, seed: int = 1, **options):
-    """Screened fixes by so many satellites, one of which is late by `late_m` from epoch `first` on."""
+def screen_fixes(sats: int, late_m: float = 0.0, first: int = EPOCHS, seed: int = 1, **options):
+    """Screen fixes by so many satellites, one of which is late by `late_m` from epoch `first` on."""
     scene = MeasuredScene(epochs=EPOCHS, max_satellites=sats, errors=TrackErrors(sigma_m=1.0))
     records = scene.records(np.random.default_rng(seed))
     observations = records.observations[0]
@@ -26,11 +26,11 @@ def fix_of(sats: int, late_m: float = 0.0, first: int = EPOCHS, seed: int = 1, *
 
 @pytest.mark.parametrize("sats", [4, 5, 8])
 def test_fixes_of_a_true_sky_are_kept(sats):
-    assert not fix_of(sats).status.any()
+    assert not screen_fixes(sats).status.any()
 
 
 def test_residuals_that_fit_no_position_leave_no_fix():
-    fix = fix_of(8, late_m=500.0, first=20)
+    fix = screen_fixes(8, late_m=500.0, first=20)
     assert set(fix.status[20:].tolist()) == {FixStatus.MISFIT}
     assert not fix.status[:20].any()
     for name in NUMBERS:
@@ -40,15 +40,15 @@ def test_residuals_that_fit_no_position_leave_no_fix():
 
 @pytest.mark.parametrize("late_m", [-300e3, 300e3])
 def test_as_few_satellites_as_unknowns_count_on_earth_only(late_m):
-    fix = fix_of(4, late_m=late_m, first=20)
+    fix = screen_fixes(4, late_m=late_m, first=20)
     assert (fix.status[20:] == 5).all()
     assert np.isnan(fix.position_ecef_m[20:]).all()
     assert not fix.status[:20].any()
 
 
 def test_a_receiver_that_ignores_residuals_counts_on_earth():
-    fix = fix_of(8, late_m=500.0, first=20, with_misfits=True)
+    fix = screen_fixes(8, late_m=500.0, first=20, with_misfits=True)
     assert not fix.status.any()
     assert np.isfinite(fix.position_ecef_m).all()
-    far = fix_of(8, late_m=1e6, first=20, with_misfits=True)
+    far = screen_fixes(8, late_m=1e6, first=20, with_misfits=True)
     assert (far.status[20:] == 5).all()

@@ -18,7 +18,7 @@ WHITE = {"multipath_sigma_m": 0.01, "ionosphere_share": 0.0}  # the noise of the
 
 @pytest.fixture(scope="module")
 def nav():
-    return sky.navigation()
+    return sky.make_navigation()
 
 
 @pytest.fixture(scope="module")
@@ -28,19 +28,19 @@ def here():
 
 @pytest.fixture(scope="module")
 def twelve(nav, here):
-    return sky.visible(nav, here, 5.0)[:12]
+    return sky.list_visible(nav, here, 5.0)[:12]
 
 
-def measurements_of(seen, nav):
+def make_measurements(seen, nav):
     return sets_module.measure_window(seen, nav, multipath_sigma_m=0.01, ionosphere_share=0.0)[1]
 
 
-def copies_of(seen, sats):
+def list_copies(seen, sats):
     return [np.flatnonzero([s.sat == sat for s in seen.signals]) for sat in sats]
 
 
-def far_from(rng, position, distance_m):
-    """A place on the Earth `distance_m` away along the great circle, in any direction, up to 300 m higher or lower."""
+def draw_far_place(rng, position, distance_m):
+    """Draw a place `distance_m` away along the great circle, up to 300 m higher or lower."""
     up = position / np.linalg.norm(position)
     along = np.cross(up, rng.standard_normal(3))
     angle = distance_m / np.linalg.norm(position)
@@ -49,45 +49,45 @@ def far_from(rng, position, distance_m):
     return sky.ecef_from_geodetic(lat, lon, rng.uniform(0.0, 300.0))
 
 
-def strangers(scene, consistent, nav, skies):
-    """Members of a set that are of another sky than most, and by how many metres its own copy differs."""
-    owners = scene.owners_of(consistent.signals)
+def list_strangers(scene, consistent, nav, skies):
+    """List members of a set from another sky than most, and by how many metres their own copies differ."""
+    owners = scene.list_owners(consistent.signals)
     own = int(np.bincount(owners).argmax())
     middle = scene.observations.gpst[scene.observations.gpst.size // 2 :][:1]
     found = []
     for signal, owner in zip(consistent.signals, owners, strict=True):
         if owner != own:
             of, own_one = (
-                sky.measured(nav, signal.sat, middle, skies[k][1], skies[k][2]).pseudorange_m[0] for k in (owner, own)
+                sky.measure(nav, signal.sat, middle, skies[k][1], skies[k][2]).pseudorange_m[0] for k in (owner, own)
             )
             found.append(abs(of - own_one))
     return found
 
 
-def trial(nav, rng, n_skies):
-    """Random places, offsets from 100 m to 3000 km, clocks, missing satellites and noise from 1 to 5 m."""
+def draw_trial(nav, rng, n_skies):
+    """Draw places, offsets from 100 m to 3000 km, clocks, missing satellites and noise from 1 to 5 m."""
     sats: list[str] = []
     while len(sats) < 8:
         first = sky.place(np.degrees(np.arcsin(rng.uniform(-0.95, 0.95))), rng.uniform(-180.0, 180.0), 100.0)
-        sats = sky.visible(nav, first, 5.0)
-    places = [first] + [far_from(rng, first, 10 ** rng.uniform(2.0, 6.48)) for _ in range(n_skies - 1)]
+        sats = sky.list_visible(nav, first, 5.0)
+    places = [first] + [draw_far_place(rng, first, 10 ** rng.uniform(2.0, 6.48)) for _ in range(n_skies - 1)]
     clock = rng.uniform(-1e-3, 1e-3)
     clocks = [clock] + [clock + rng.choice([0.0, 1e-6, 1e-3, 0.3]) * rng.uniform(-1, 1) for _ in range(n_skies - 1)]
     skies = [([s for s in sats if rng.random() > 0.1], p, b) for p, b in zip(places, clocks, strict=True)]
     noise_m = rng.uniform(1.0, 5.0)
-    return sky.scene(nav, skies, n=6, noise_m=noise_m * np.sqrt(6), rng=rng, shuffle=True), skies, noise_m
+    return sky.make_scene(nav, skies, n=6, noise_m=noise_m * np.sqrt(6), rng=rng, shuffle=True), skies, noise_m
 
 
 def count_mistakes(nav, rng, trials, n_skies):
     wrong_sizes = mixed = 0
     for _ in range(trials):
-        scene, skies, noise_m = trial(nav, rng, n_skies)
+        scene, skies, noise_m = draw_trial(nav, rng, n_skies)
         sets = find_consistent_sets(scene.observations, nav, **WHITE)
         expected = sorted((len(sats) for sats, _, _ in skies if len(sats) >= 5), reverse=True)
         wrong_sizes += [len(s.signals) for s in sets] != expected
         for found in sets:
             # Within six sigma of each other copies cannot be told apart, nor does it matter.
-            mixed += sum(difference > 6.0 * noise_m for difference in strangers(scene, found, nav, skies))
+            mixed += sum(difference > 6.0 * noise_m for difference in list_strangers(scene, found, nav, skies))
     return wrong_sizes, mixed
 
 
@@ -109,17 +109,17 @@ def test_skies_are_not_mixed_in_many_trials(nav, n_skies, trials):
 
 def test_each_sky_has_its_place_clock_and_covariance(nav, here, twelve):
     rng = np.random.default_rng(5)
-    there = sky.moved(here, 900.0, -250.0, 15.0)
+    there = sky.move_place(here, 900.0, -250.0, 15.0)
     squares = {0: 0.0, 1: 0.0}
     statistics = []
     for _ in range(30):
-        scene = sky.scene(
+        scene = sky.make_scene(
             nav, [(twelve, here, 2e-4), (twelve, there, 2.05e-4)], noise_m=3.0, rng=rng, n=9, shuffle=True
         )
         sets = find_consistent_sets(scene.observations, nav, **WHITE)
         assert len(sets) == 2
         for found in sets:
-            (owner,) = set(scene.owners_of(found.signals))
+            (owner,) = set(scene.list_owners(found.signals))
             error = np.append(found.position_ecef_m - (here, there)[owner], 0.0)
             error[3] = (found.clock_bias_s - (2e-4, 2.05e-4)[owner]) * sky.C
             squares[owner] += error @ np.linalg.solve(found.covariance_m2, error)
@@ -134,7 +134,7 @@ def test_each_sky_has_its_place_clock_and_covariance(nav, here, twelve):
 
 def test_a_clean_sky_loses_a_signal_at_the_stated_rate(nav, here, twelve):
     rng = np.random.default_rng(6)
-    clean = sky.scene(nav, [(twelve[:8], here, 0.0)], n=1).observations
+    clean = sky.make_scene(nav, [(twelve[:8], here, 0.0)], n=1).observations
     trials, short = 150, 0
     for _ in range(trials):
         noisy = clean.pseudorange_m + 3.0 * rng.standard_normal(clean.pseudorange_m.shape)
@@ -145,7 +145,7 @@ def test_a_clean_sky_loses_a_signal_at_the_stated_rate(nav, here, twelve):
 
 
 def test_a_clean_sky_with_one_fault_is_one_set_without_it(nav, here, twelve):
-    seen = sky.scene(nav, [(twelve, here, 0.0)], noise_m=2.0).observations
+    seen = sky.make_scene(nav, [(twelve, here, 0.0)], noise_m=2.0).observations
     pseudorange = seen.pseudorange_m.copy()
     pseudorange[:, 4] += 150.0
     (found,) = find_consistent_sets(replace(seen, pseudorange_m=pseudorange), nav)
@@ -154,35 +154,35 @@ def test_a_clean_sky_with_one_fault_is_one_set_without_it(nav, here, twelve):
 
 def test_four_satellites_make_no_set_and_five_do(nav, here, twelve):
     for count, sets in ((4, 0), (5, 1)):
-        seen = sky.scene(nav, [(twelve[:count], here, 0.0)], noise_m=1.0).observations
+        seen = sky.make_scene(nav, [(twelve[:count], here, 0.0)], noise_m=1.0).observations
         assert len(find_consistent_sets(seen, nav)) == sets
     with pytest.raises(ValueError, match="always fit"):
         find_consistent_sets(seen, nav, min_satellites=4)
 
 
 def test_without_ephemerides_there_is_no_set(nav, here, twelve):
-    seen = sky.scene(nav, [(twelve, here, 0.0)]).observations
+    seen = sky.make_scene(nav, [(twelve, here, 0.0)]).observations
     assert find_consistent_sets(seen, NavigationData(ephemerides=())) == ()
 
 
 def test_a_spoofer_of_few_satellites_shows_beside_the_full_sky(nav, here, twelve):
     rng = np.random.default_rng(8)
-    there = sky.moved(here, -2000.0, 4000.0, 100.0)
-    scene = sky.scene(nav, [(twelve, here, 0.0), (twelve[3:9], there, 3e-6)], noise_m=2.0, rng=rng, shuffle=True)
+    there = sky.move_place(here, -2000.0, 4000.0, 100.0)
+    scene = sky.make_scene(nav, [(twelve, here, 0.0), (twelve[3:9], there, 3e-6)], noise_m=2.0, rng=rng, shuffle=True)
     sets = find_consistent_sets(scene.observations, nav)
     assert [len(s.signals) for s in sets] == [12, 6]
-    assert [set(scene.owners_of(s.signals)) for s in sets] == [{0}, {1}]
+    assert [set(scene.list_owners(s.signals)) for s in sets] == [{0}, {1}]
 
 
 def test_a_timing_attack_shows_as_two_clocks_at_one_place(nav, here, twelve):
-    scene = sky.scene(nav, [(twelve, here, 0.0), (twelve, here, 1e-6)], noise_m=2.0, shuffle=True)
+    scene = sky.make_scene(nav, [(twelve, here, 0.0), (twelve, here, 1e-6)], noise_m=2.0, shuffle=True)
     one, two = find_consistent_sets(scene.observations, nav)
     assert np.linalg.norm(one.position_ecef_m - two.position_ecef_m) < 15.0
     np.testing.assert_allclose(abs(one.clock_bias_s - two.clock_bias_s), 1e-6, atol=3e-8)
 
 
 def test_one_sky_tracked_thrice_is_one_set(nav, here, twelve):
-    scene = sky.scene(nav, [(twelve, here, 0.0)] * 3, noise_m=2.0, rng=np.random.default_rng(9))
+    scene = sky.make_scene(nav, [(twelve, here, 0.0)] * 3, noise_m=2.0, rng=np.random.default_rng(9))
     (found,) = find_consistent_sets(scene.observations, nav)
     assert len(found.signals) == 12
 
@@ -190,24 +190,22 @@ def test_one_sky_tracked_thrice_is_one_set(nav, here, twelve):
 def test_underground_there_is_no_set_and_in_low_orbit_there_is(nav, twelve):
     for height_m, sets in ((-15e3, 1), (900e3, 1), (-30e3, 0)):
         position = sky.place(0.0, 150.0, height_m)
-        seen = sky.scene(nav, [(twelve, position, 0.0)], noise_m=1.0).observations
+        seen = sky.make_scene(nav, [(twelve, position, 0.0)], noise_m=1.0).observations
         assert len(find_consistent_sets(seen, nav)) == sets, height_m
 
 
 def test_a_chance_member_goes_to_its_likelier_set(nav, here, twelve):
     rng = np.random.default_rng(12)
-    there = sky.moved(here, 1500.0, 900.0, 0.0)
+    there = sky.move_place(here, 1500.0, 900.0, 0.0)
     apart = [
         abs(
-            np.subtract(
-                *(sky.measured(nav, sat, np.array([sky.START]), p, 0.0).pseudorange_m[0] for p in (here, there))
-            )
+            np.subtract(*(sky.measure(nav, sat, np.array([sky.START]), p, 0.0).pseudorange_m[0] for p in (here, there)))
         )
         for sat in twelve
     ]
     lent = twelve[int(np.argmin(apart))]  # the true sky lacks it; its false copy lies nearly as well in the true one
     sigma = min(apart) / 4.5
-    scene = sky.scene(nav, [([s for s in twelve if s != lent], here, 0.0), (twelve, there, 0.0)], n=1)
+    scene = sky.make_scene(nav, [([s for s in twelve if s != lent], here, 0.0), (twelve, there, 0.0)], n=1)
     seen = scene.observations
     (column,) = (k for k, s in enumerate(seen.signals) if s.sat == lent)
     false = scene.owners == 1
@@ -215,18 +213,18 @@ def test_a_chance_member_goes_to_its_likelier_set(nav, here, twelve):
     noise = sigma * amount * rng.standard_normal(seen.pseudorange_m.shape)
     sigmas = np.full(noise.shape, sigma)
     seen = replace(seen, pseudorange_m=seen.pseudorange_m + noise, pseudorange_sigma_m=sigmas)
-    whole = search.SetSearch(measurements_of(seen, nav), copies_of(seen, twelve))
+    whole = search.SetSearch(make_measurements(seen, nav), list_copies(seen, twelve))
     robber = whole.find_of_size(12, ~false | (np.arange(false.size) == column), false_alarm_probability=1e-4)
     robbed = whole.find_of_size(12, false, false_alarm_probability=1e-4)
     assert robber.statistic[0] < robbed.statistic[0]  # so the true sky comes first, and takes the lent signal
     sets = find_consistent_sets(seen, nav, **WHITE)
-    assert [set(scene.owners_of(s.signals)) for s in sets] == [{1}, {0}]
+    assert [set(scene.list_owners(s.signals)) for s in sets] == [{1}, {0}]
     assert [len(s.signals) for s in sets] == [12, 11]
 
 
 def test_a_signals_cost_in_a_set_is_its_likelihood_there(nav, here, twelve):
-    seen = sky.scene(nav, [(twelve[:7], here, 0.0)], n=1, noise_m=2.0).observations
-    measurements, sats = measurements_of(seen, nav), np.array([s.sat for s in seen.signals])
+    seen = sky.make_scene(nav, [(twelve[:7], here, 0.0)], n=1, noise_m=2.0).observations
+    measurements, sats = make_measurements(seen, nav), np.array([s.sat for s in seen.signals])
     start = np.append(here, 0.0)[None]
     whole = search.solve(measurements, np.arange(7)[None], start)
     cost = sets_module._compute_costs(measurements, sats, [whole])[:, 0]
@@ -239,16 +237,18 @@ def test_a_signals_cost_in_a_set_is_its_likelihood_there(nav, here, twelve):
 
 def test_a_sky_through_a_narrow_gap_is_found(nav, here):
     position = np.concatenate((here, [0.0]))
-    sats = sky.visible(nav, here, 5.0)
-    seen = sky.scene(nav, [(sats, here, 0.0)], n=1).observations
-    measurements = measurements_of(seen, nav)
+    sats = sky.list_visible(nav, here, 5.0)
+    seen = sky.make_scene(nav, [(sats, here, 0.0)], n=1).observations
+    measurements = make_measurements(seen, nav)
     dilution = {
         six: np.trace(search.solve(measurements, np.array([six]), position[None]).covariance_m2[0])
         for six in combinations(range(len(sats)), 6)
     }
     narrow = [seen.signals[k].sat for k in max(dilution, key=dilution.get)]
     for seed in range(8):
-        window = sky.scene(nav, [(narrow, here, 1e-4)], n=4, noise_m=2.0, rng=np.random.default_rng(seed)).observations
+        window = sky.make_scene(
+            nav, [(narrow, here, 1e-4)], n=4, noise_m=2.0, rng=np.random.default_rng(seed)
+        ).observations
         (found,) = find_consistent_sets(window, nav, **WHITE)
         assert len(found.signals) == 6
         assert np.sqrt(np.trace(found.covariance_m2)) > 20.0  # narrow indeed
@@ -256,11 +256,11 @@ def test_a_sky_through_a_narrow_gap_is_found(nav, here):
 
 def test_the_search_finds_what_trying_all_combinations_finds(nav, here, twelve):
     rng = np.random.default_rng(13)
-    there = sky.moved(here, 120.0, 80.0, 10.0)
+    there = sky.move_place(here, 120.0, 80.0, 10.0)
     for _ in range(5):
-        scene = sky.scene(nav, [(twelve[:6], here, 0.0), (twelve[:6], there, 0.0)], noise_m=3.0, n=1, rng=rng)
+        scene = sky.make_scene(nav, [(twelve[:6], here, 0.0), (twelve[:6], there, 0.0)], noise_m=3.0, n=1, rng=rng)
         seen = scene.observations
-        ranges, copies = measurements_of(seen, nav), copies_of(seen, twelve[:6])
+        ranges, copies = make_measurements(seen, nav), list_copies(seen, twelve[:6])
         free = np.ones(12, bool)
         found = search.SetSearch(ranges, copies).find_of_size(6, free, false_alarm_probability=1e-2)
         everything = np.array(list(product(*copies)))
@@ -276,8 +276,8 @@ def test_the_search_finds_what_trying_all_combinations_finds(nav, here, twelve):
 
 def test_the_closed_form_has_the_place_and_no_negative_range(nav, here, twelve):
     for four in ([0, 1, 2, 3], [2, 5, 7, 9], [1, 4, 8, 11]):
-        seen = sky.scene(nav, [([twelve[k] for k in four], here, 1e-3)], n=1, air=False).observations
-        measurements = measurements_of(seen, nav)
+        seen = sky.make_scene(nav, [([twelve[k] for k in four], here, 1e-3)], n=1, air=False).observations
+        measurements = make_measurements(seen, nav)
         solutions = np.empty((2, 4))
         solve_bancroft(measurements.satellite_ecef_m, measurements.range_m, solutions)
         assert np.nanmin(np.linalg.norm(solutions[:, :3] - here, axis=1)) < 1e3  # the Earth's turn is rough there
@@ -287,9 +287,9 @@ def test_the_closed_form_has_the_place_and_no_negative_range(nav, here, twelve):
 
 
 def test_each_four_is_solved_with_its_own_atmosphere(nav, here, twelve):
-    seen = sky.scene(nav, [(twelve, here, 1e-3)], n=1).observations
-    measurements = measurements_of(seen, nav)
-    whole = search.SetSearch(measurements, copies_of(seen, twelve))
+    seen = sky.make_scene(nav, [(twelve, here, 1e-3)], n=1).observations
+    measurements = make_measurements(seen, nav)
+    whole = search.SetSearch(measurements, list_copies(seen, twelve))
     for level in (3, 5, 8):
         fours = whole._find_fours_up_to(level)
         good = np.trace(fours.covariance_m2, axis1=1, axis2=2) < (20 * 0.01) ** 2
@@ -303,7 +303,7 @@ def test_each_four_is_solved_with_its_own_atmosphere(nav, here, twelve):
 def test_the_meaconing_pair_shows_two_skies_after_onset(shared_data, receiver):
     rng = np.random.default_rng(14)
     nav = read_nav(shared_data / "rf" / "brdc0010.22n")
-    seen, clock_s, truth = sky.meaconing_pair(shared_data, receiver)
+    seen, clock_s, truth = sky.read_meaconing_pair(shared_data, receiver)
     noisy = replace(seen, pseudorange_m=seen.pseudorange_m + 3.0 * rng.standard_normal(seen.pseudorange_m.shape))
     for first, labels in ((2, ["authentic"]), (30, ["authentic", "spoofed"]), (45, ["authentic", "spoofed"])):
         sets = find_consistent_sets(noisy.select(slice(first, first + 9)), nav)
@@ -312,6 +312,6 @@ def test_the_meaconing_pair_shows_two_skies_after_onset(shared_data, receiver):
         for found in sets:
             assert len(found.signals) == 12
             label = "authentic" if found.signals[0].copy == "a" else "spoofed"
-            place, extra_s = sky.shown(truth, receiver, label)
+            place, extra_s = sky.find_shown(truth, receiver, label)
             assert np.linalg.norm(found.position_ecef_m - place) < 8.0
             assert abs(found.clock_bias_s - clock_s[first + 4] - extra_s) * sky.C < 8.0

@@ -19,10 +19,10 @@ NAMES = {"G": ("L1", "CA"), "E": ("E1", "C"), "C": ("B1C", "1P"), "J": ("L1", "C
 LATE_S = {"G": 0.0, "J": 0.0, "E": -35e-9, "C": 210e-9}
 
 
-def sky_of(shares, *, bias_s=3e-4, n=6, **scene):
-    """Observations in which each system has its share of the visible satellites and its own lateness."""
-    nav, place = sky.navigation(), sky.place(48.0, 11.0, 500.0)
-    names = sky.visible(nav, place)
+def make_sky(shares, *, bias_s=3e-4, n=6, **scene):
+    """Make observations in which each system has its share of the visible satellites and its own lateness."""
+    nav, place = sky.make_navigation(), sky.place(48.0, 11.0, 500.0)
+    names = sky.list_visible(nav, place)
     of, rest = {}, list(names)
     for system, count in shares.items():
         of |= {name: system + name[1:] for name in rest[:count]}
@@ -37,14 +37,14 @@ def sky_of(shares, *, bias_s=3e-4, n=6, **scene):
         ),
     )
     skies = [([s for s in of.values() if s[0] == k], place, bias_s + LATE_S[k]) for k in shares]
-    seen = sky.scene(nav, skies, n=n, **scene).observations
+    seen = sky.make_scene(nav, skies, n=n, **scene).observations
     signals = tuple(SignalId(s.sat, *NAMES[s.sat[0]]) for s in seen.signals)
     return replace(seen, signals=signals), nav, place
 
 
 @pytest.mark.parametrize("shares", [{"G": 4, "E": 3, "C": 2}, {"G": 1, "E": 6}, {"E": 4, "C": 3}, {"G": 4, "J": 4}])
 def test_each_time_scale_has_its_clock_at_the_right_place(shares):
-    seen, nav, place = sky_of(shares)
+    seen, nav, place = make_sky(shares)
     found = fix(seen, nav)
     assert (found.status == 0).all()
     np.testing.assert_allclose(found.position_ecef_m, np.tile(place, (6, 1)), atol=1e-3)
@@ -58,7 +58,7 @@ def test_each_time_scale_has_its_clock_at_the_right_place(shares):
 
 
 def test_a_system_away_for_some_epochs_costs_nothing():
-    seen, nav, place = sky_of({"G": 4, "E": 5})
+    seen, nav, place = make_sky({"G": 4, "E": 5})
     code = seen.pseudorange_m.copy()
     gps = np.array([s.sat[0] == "G" for s in seen.signals])
     code[np.ix_([1], ~gps)], code[np.ix_([2], gps)] = np.nan, np.nan
@@ -73,7 +73,7 @@ def test_a_system_away_for_some_epochs_costs_nothing():
 
 def test_errors_with_three_clocks_match_the_covariance():
     rng = np.random.default_rng(4)
-    seen, nav, place = sky_of({"G": 4, "E": 3, "C": 2}, n=2000, step_s=0.1)
+    seen, nav, place = make_sky({"G": 4, "E": 3, "C": 2}, n=2000, step_s=0.1)
     quiet, _ = fix_and_geometry(seen, nav, ionosphere_share=0.0)
     _, geometry = fix_and_geometry(seen, nav, ionosphere_share=0.0)
     noise = geometry.sigma_m * rng.standard_normal(geometry.sigma_m.shape)
@@ -92,7 +92,7 @@ def test_errors_with_three_clocks_match_the_covariance():
 
 def test_faults_go_in_any_system_but_a_lone_satellite_stays():
     rng = np.random.default_rng(6)
-    seen, nav, place = sky_of({"G": 4, "E": 4, "C": 1}, noise_m=0.3, rng=rng)
+    seen, nav, place = make_sky({"G": 4, "E": 4, "C": 1}, noise_m=0.3, rng=rng)
     code = seen.pseudorange_m.copy()
     galileo = [i for i, s in enumerate(seen.signals) if s.sat[0] == "E"]
     alone = next(i for i, s in enumerate(seen.signals) if s.sat[0] == "C")
@@ -131,7 +131,7 @@ def test_several_faults_go_one_by_one_and_only_if_it_helps():
 
 
 def test_real_geometry_has_finite_levels_without_the_lone_one():
-    seen, nav, place = sky_of({"G": 5, "E": 3, "C": 1}, noise_m=0.5)
+    seen, nav, place = make_sky({"G": 5, "E": 3, "C": 1}, noise_m=0.5)
     _, geometry = fix_and_geometry(seen, nav)
     lat, lon, _ = geodetic_from_ecef(place)
     levels = compute_protection_levels(geometry.design, geometry.misfit_m, geometry.sigma_m, rot_enu_ecef(lat, lon))
@@ -141,7 +141,7 @@ def test_real_geometry_has_finite_levels_without_the_lone_one():
 
 
 def test_the_filter_takes_in_a_late_and_distant_system():
-    seen, nav, place = sky_of({"G": 5, "E": 4}, n=40, noise_m=0.4)
+    seen, nav, place = make_sky({"G": 5, "E": 4}, n=40, noise_m=0.4)
     galileo = np.array([s.sat[0] == "E" for s in seen.signals])
     code = seen.pseudorange_m.copy()
     code[:20, galileo] = np.nan

@@ -11,7 +11,7 @@ WAVELENGTH = 299792458.0 / 1575.42e6
 
 
 def track(n, channels=1, *, sigma_m=1.0, rng=None, rate_m_s=300.0, ionosphere_m_s=0.0, step_s=1.0):
-    """Range with a constant rate, code with white noise, carrier without, as arrays that tests may change."""
+    """Make range with a constant rate, code with white noise and carrier without, as writable arrays."""
     elapsed = np.arange(n) * step_s
     motion = rate_m_s * elapsed + 0.05 * elapsed**2
     ionosphere = ionosphere_m_s * elapsed
@@ -36,8 +36,8 @@ def track(n, channels=1, *, sigma_m=1.0, rng=None, rate_m_s=300.0, ionosphere_m_
     }
 
 
-def plainly(o, window_s, max_gap_epochs=3):
-    """The same by the definition, cell by cell: the twin that the running sums must equal."""
+def smooth_plainly(o, window_s, max_gap_epochs=3):
+    """Smooth by the definition, cell by cell: the twin that the running sums must equal."""
     carrier = o.carrier_cyc * WAVELENGTH
     present = np.isfinite(o.pseudorange_m) & np.isfinite(carrier)
     value, sigma = o.pseudorange_m.copy(), o.pseudorange_sigma_m.copy()
@@ -70,7 +70,7 @@ def test_running_sums_equal_the_definition_in_all_cases(window_s):
     data["pseudorange_m"][:, 4] = np.nan
     o = Observations(**data)
     smoothed = smooth(o, window_s=window_s)
-    value, sigma = plainly(o, window_s)
+    value, sigma = smooth_plainly(o, window_s)
     np.testing.assert_allclose(smoothed.pseudorange_m, value, atol=1e-6)
     np.testing.assert_allclose(smoothed.pseudorange_sigma_m, sigma, rtol=1e-9)
     np.testing.assert_array_equal(np.isnan(smoothed.pseudorange_m), np.isnan(o.pseudorange_m))

@@ -12,7 +12,7 @@ from skyproof.simulator.inertial import simulate_inertial
 from skyproof.simulator.trajectories import make_circle, make_las_vegas, make_way_points
 
 
-def first(motion):
+def take_first(motion):
     return NavState(
         gpst=np.array([GPS_EPOCH]),
         position_ecef_m=motion.position_ecef_m[:1],
@@ -21,8 +21,8 @@ def first(motion):
     )
 
 
-def corners():
-    """A course with banked turns, 100 m/s at 6 m/s^2 to the side."""
+def make_corners():
+    """Make a course with banked turns, 100 m/s at 6 m/s^2 to the side."""
     lat = np.radians([36.0, 36.05, 36.05, 36.1, 36.1, 36.2])
     lon = np.radians([-115.2, -115.2, -115.12, -115.12, -115.2, -115.2])
     points = ecef_from_geodetic(lat, lon, np.array([1000.0, 1000.0, 1300.0, 1300.0, 1000.0, 1000.0]))
@@ -39,12 +39,12 @@ ROUND = make_circle(ecef_from_geodetic(0.6, -2.0, 500.0), 500.0, 50.0)
         (make_las_vegas(), 10.0, 1e-3),
         (ROUND, 10.0, 1e-3),
         (ROUND, 100.0, 1e-3),
-        (corners(), 100.0, 3e-3),
+        (make_corners(), 100.0, 3e-3),
     ],
 )
 def test_error_free_readings_return_233_s_to_millimetres(trajectory, rate_hz, within_m):
     unit = simulate_inertial(trajectory.at, rate_hz=rate_hz, duration_s=233.0)
-    found = navigate(first(trajectory.at([0.0])), unit.read(0, unit.n_samples))
+    found = navigate(take_first(trajectory.at([0.0])), unit.read(0, unit.n_samples))
     time_s = seconds_between(found.gpst, GPS_EPOCH)
     truth = trajectory.at(time_s)
     assert time_s[-1] == 233.0
@@ -55,8 +55,8 @@ def test_error_free_readings_return_233_s_to_millimetres(trajectory, rate_hz, wi
 
 def test_a_run_in_pieces_gives_the_whole():
     unit = simulate_inertial(ROUND.at, rate_hz=50.0, duration_s=20.0)
-    whole = navigate(first(ROUND.at([0.0])), unit.read(0, 1000))
-    half = navigate(first(ROUND.at([0.0])), unit.read(0, 500))
+    whole = navigate(take_first(ROUND.at([0.0])), unit.read(0, 1000))
+    half = navigate(take_first(ROUND.at([0.0])), unit.read(0, 500))
     rest = navigate(half, unit.read(500, 500))
     assert np.abs(rest.position_ecef_m[-1] - whole.position_ecef_m[-1]).max() < 1e-5
     assert rest.gpst[0] == half.gpst[-1]
@@ -87,7 +87,7 @@ def test_many_units_at_once_are_each_as_alone():
     series = unit.read(0, 200)
     rng = np.random.default_rng(1)
     force = series.specific_force_m_s2 + 0.01 * rng.standard_normal((2, 3, 200, 3))
-    start = first(ROUND.at([0.0]))
+    start = take_first(ROUND.at([0.0]))
     places, _, attitudes = navigate_paths(
         start.position_ecef_m[0], start.velocity_ecef_m_s[0], start.attitude[0], force, series.angular_rate_rad_s, 0.05
     )

@@ -24,8 +24,8 @@ SETTINGS = VectorSettings()
 TRUE = np.array([4.0e6, 7.0e5, 4.9e6, 3.0, -2.0, 1.0, 5e4, 30.0])
 
 
-def sky(n=8, seed=4):
-    """Satellites anywhere above the horizon."""
+def draw_sky(n=8, seed=4):
+    """Draw satellites anywhere above the horizon."""
     rng = np.random.default_rng(seed)
     up = TRUE[:3] / np.linalg.norm(TRUE[:3])
     away = rng.standard_normal((200, 3))
@@ -35,10 +35,10 @@ def sky(n=8, seed=4):
     return SkyEpoch(TRUE[:3] + 2.2e7 * away, zeros, zeros, ones, 500.0 * rng.standard_normal(n), ones, zeros)
 
 
-SKY = sky()
+SKY = draw_sky()
 
 
-def measured(truth, rng, sky_epoch=SKY):
+def measure(truth, rng, sky_epoch=SKY):
     range_m, rate_m_s, _ = predict_measurements(truth, sky_epoch)
     n = range_m.size
     return VectorEpoch(
@@ -49,7 +49,7 @@ def measured(truth, rng, sky_epoch=SKY):
     )
 
 
-def moved(truth, step_s=STEP_S):
+def move(truth, step_s=STEP_S):
     after = truth.copy()
     after[:3] += step_s * truth[3:6]
     after[6] += step_s * truth[7]
@@ -57,28 +57,28 @@ def moved(truth, step_s=STEP_S):
 
 
 def run(state, truth, rng, steps, change=lambda epoch: epoch, drives=None):
-    """The filter over so many epochs: outcomes, and the truth at the end."""
+    """Run the filter over so many epochs; return the outcomes, and the truth at the end."""
     drives = np.ones(8, bool) if drives is None else drives
     outcomes = []
     for _ in range(steps):
-        truth = moved(truth)
+        truth = move(truth)
         before = propagate_state(state, state.elapsed_s + STEP_S, SETTINGS)
         outcomes.append(
-            update_state(before, change(measured(truth, rng)), predict_measurements(before.mean, SKY), drives, SETTINGS)
+            update_state(before, change(measure(truth, rng)), predict_measurements(before.mean, SKY), drives, SETTINGS)
         )
         state = outcomes[-1].state
     return outcomes, truth
 
 
-def begun(rng):
-    return start_state(measured(TRUE, rng), SKY, TRUE[:3] + 300.0, 0.0)
+def draw_start(rng):
+    return start_state(measure(TRUE, rng), SKY, TRUE[:3] + 300.0, 0.0)
 
 
 def test_the_error_is_what_the_covariance_says():
     squares = []
     for seed in range(60):
         rng = np.random.default_rng(seed)
-        outcomes, truth = run(begun(rng), TRUE, rng, 10)
+        outcomes, truth = run(draw_start(rng), TRUE, rng, 10)
         error = outcomes[-1].state.mean - truth
         squares.append(error @ np.linalg.solve(outcomes[-1].state.covariance, error))
         assert not any(outcome.diverged for outcome in outcomes)
@@ -92,7 +92,7 @@ def test_the_error_is_what_the_covariance_says():
 )
 def test_a_state_gone_wrong_is_noticed_within_a_second(off):
     rng = np.random.default_rng(1)
-    outcomes, truth = run(begun(rng), TRUE, rng, 10)
+    outcomes, truth = run(draw_start(rng), TRUE, rng, 10)
     sure = outcomes[-1].state
     for held in (np.zeros((8, 8)), sure.covariance):  # that does not learn, and that would
         wrong = VectorState(elapsed_s=sure.elapsed_s, mean=sure.mean + np.array(off), covariance=held)
@@ -104,7 +104,7 @@ def test_a_state_gone_wrong_is_noticed_within_a_second(off):
 def test_an_unfitting_signal_moves_the_state_as_least_squares():
     rng = np.random.default_rng(2)
     false_m = 117.0 * np.eye(8)[3]
-    outcomes, truth = run(begun(rng), TRUE, rng, 30, lambda e: e._replace(range_m=e.range_m + false_m))
+    outcomes, truth = run(draw_start(rng), TRUE, rng, 30, lambda e: e._replace(range_m=e.range_m + false_m))
     assert not any(outcome.diverged for outcome in outcomes)
     _, unit, _ = compute_line_of_sight(SKY.satellite_ecef_m, truth[:3])
     design = np.column_stack((-unit, np.ones(8)))
@@ -117,14 +117,16 @@ def test_an_unfitting_signal_moves_the_state_as_least_squares():
 
 def test_who_does_not_drive_the_filter_does_not_move_it():
     rng, drives = np.random.default_rng(3), np.arange(8) != 3
-    outcomes, truth = run(begun(rng), TRUE, rng, 20, lambda e: e._replace(range_m=e.range_m + 500.0 * ~drives), drives)
+    outcomes, truth = run(
+        draw_start(rng), TRUE, rng, 20, lambda e: e._replace(range_m=e.range_m + 500.0 * ~drives), drives
+    )
     assert np.linalg.norm(outcomes[-1].state.mean[:3] - truth[:3]) < 5.0
     assert np.isnan(outcomes[-1].range_left_m[3])
 
 
 def test_without_measurements_the_state_goes_on_and_is_less_sure():
     rng = np.random.default_rng(4)
-    outcomes, truth = run(begun(rng), TRUE, rng, 20)
+    outcomes, truth = run(draw_start(rng), TRUE, rng, 20)
     lost, truth = run(outcomes[-1].state, truth, rng, 25, lambda e: VectorEpoch(*(x * np.nan for x in e)))
     assert np.linalg.norm(lost[-1].state.mean[:3] - truth[:3]) < 5.0
     assert np.trace(lost[-1].state.covariance[:3, :3]) > 10 * np.trace(outcomes[-1].state.covariance[:3, :3])
@@ -133,7 +135,7 @@ def test_without_measurements_the_state_goes_on_and_is_less_sure():
 
 def test_four_satellites_do_not_begin_a_filter():
     rng = np.random.default_rng(5)
-    epoch = measured(TRUE, rng)
+    epoch = measure(TRUE, rng)
     few = epoch._replace(range_m=np.where(np.arange(8) < 4, epoch.range_m, np.nan))
     assert start_state(few, SKY, TRUE[:3], 0.0) is None
 

@@ -19,17 +19,20 @@ HEADING_RAD, PUSH_M_S2, GRAVITY_M_S2 = 0.7, 15.0, 9.818
 FORWARD = attitude_ecef(PLACE_M[None], np.array([HEADING_RAD]), np.zeros(1), np.zeros(1))[0] @ [1.0, 0.0, 0.0]
 
 
-def after(seconds):
+def add_seconds(seconds):
     return START + np.timedelta64(round(seconds * 1e9), "ns")
 
 
-def unit(sigma_deg=0.2, seconds=8.0, lever_m=(0.0, 0.0, 0.0)):
-    """At rest for 3 s, and then pushed forward; the Earth's rate is left out, a thousandth of what is looked for."""
+def make_unit(sigma_deg=0.2, seconds=8.0, lever_m=(0.0, 0.0, 0.0)):
+    """Make a unit at rest for 3 s that is then pushed forward.
+
+    The Earth's rate is left out: it is a thousandth of what is tested.
+    """
     ends_s = 0.01 * np.arange(1, round(seconds * 100.0) + 1)
     force = np.zeros((ends_s.size, 3))
     force[:, 2], force[ends_s > 3.005, 0] = -GRAVITY_M_S2, PUSH_M_S2
     readings = ImuSeries(
-        gpst=np.array([after(end) for end in ends_s]),
+        gpst=np.array([add_seconds(end) for end in ends_s]),
         interval_s=0.01,
         specific_force_m_s2=force,
         angular_rate_rad_s=np.zeros((ends_s.size, 3)),
@@ -41,19 +44,19 @@ def unit(sigma_deg=0.2, seconds=8.0, lever_m=(0.0, 0.0, 0.0)):
     return AntennaUnit(readings, initial, settings)
 
 
-def filtered(elapsed_s=2.0, velocity=(0.0, 0.0, 0.0)):
+def run_filter(elapsed_s=2.0, velocity=(0.0, 0.0, 0.0)):
     mean = np.concatenate((PLACE_M, velocity, [0.0, 0.0]))
     return VectorState(elapsed_s=elapsed_s, mean=mean, covariance=np.diag([1.0] * 3 + [0.01] * 3 + [1.0, 0.01]))
 
 
 @pytest.mark.parametrize("lever_m", [(0.0, 0.0, 0.0), (2.0, -1.0, 0.5)])
 def test_changes_of_rows_add_up_to_the_motion(lever_m):
-    own, state = begin_motion(unit(lever_m=lever_m), filtered(), after(2.0)), filtered()
+    own, state = begin_motion(make_unit(lever_m=lever_m), run_filter(), add_seconds(2.0)), run_filter()
     for row in range(1, 26):
-        own, (change, walk2) = carry_motion(own, after(2.0 + 0.2 * row))
+        own, (change, walk2) = carry_motion(own, add_seconds(2.0 + 0.2 * row))
         state = propagate_state(state, 2.0 + 0.2 * row, VectorSettings(), change, walk2=walk2)
     moved = np.concatenate((0.5 * PUSH_M_S2 * 4.0**2 * FORWARD, PUSH_M_S2 * 4.0 * FORWARD))
-    off = state.mean[:6] - filtered().mean[:6] - moved
+    off = state.mean[:6] - run_filter().mean[:6] - moved
     assert np.linalg.norm(off[:3]) < 0.5  # of 120 m: the Earth turns under it
     assert np.linalg.norm(off[3:]) < 0.2
     assert np.linalg.norm(off[:3]) < 3.0 * np.sqrt(np.trace(state.covariance[:3, :3]))
@@ -62,21 +65,23 @@ def test_changes_of_rows_add_up_to_the_motion(lever_m):
 def test_the_open_walk_covers_a_tilt_for_a_minute():
     sizes = []
     for sigma_deg in (0.1, 1.0):
-        _, (_, walk2) = carry_motion(begin_motion(unit(sigma_deg), filtered(), after(2.0)), after(2.2))
+        _, (_, walk2) = carry_motion(
+            begin_motion(make_unit(sigma_deg), run_filter(), add_seconds(2.0)), add_seconds(2.2)
+        )
         wrong_m_s2 = 9.8 * np.radians(sigma_deg)
         assert walk2 * LASTS_S >= (wrong_m_s2 * LASTS_S) ** 2
         sizes.append(walk2)
     assert sizes[1] > 5.0 * sizes[0]
-    loose = propagate_state(filtered(), 3.0, VectorSettings(), np.zeros(6), walk2=1e9)
-    np.testing.assert_array_equal(loose.covariance, propagate_state(filtered(), 3.0, VectorSettings()).covariance)
+    loose = propagate_state(run_filter(), 3.0, VectorSettings(), np.zeros(6), walk2=1e9)
+    np.testing.assert_array_equal(loose.covariance, propagate_state(run_filter(), 3.0, VectorSettings()).covariance)
 
 
 def test_without_readings_it_carries_nobody():
-    whole = unit()
-    own = begin_motion(whole, filtered(), after(2.0))
-    assert carry_motion(own, after(9.0)) is None
-    assert begin_motion(whole, filtered(), after(9.0)) is None
+    whole = make_unit()
+    own = begin_motion(whole, run_filter(), add_seconds(2.0))
+    assert carry_motion(own, add_seconds(9.0)) is None
+    assert begin_motion(whole, run_filter(), add_seconds(9.0)) is None
     rows = np.r_[0:400, 600:800]  # two seconds are missing
     part = {name: getattr(whole.readings, name)[rows] for name in ("gpst", "specific_force_m_s2", "angular_rate_rad_s")}
     gap = AntennaUnit(replace(whole.readings, **part), whole.initial, whole.settings)
-    assert carry_motion(begin_motion(gap, filtered(), after(2.0)), after(5.0)) is None
+    assert carry_motion(begin_motion(gap, run_filter(), add_seconds(2.0)), add_seconds(5.0)) is None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
-from tests.navigation.walk import SETTINGS, aligned, follow, read_walk
+from tests.navigation.walk import SETTINGS, align, follow, read_walk
 
 from skyproof.navigation.inertia import select_readings
 from skyproof.navigation.ins import correct, step
@@ -24,8 +24,8 @@ def walk(shared_data):
 
 @pytest.fixture(scope="module")
 def states(walk):
-    """The filter's states after the fixes at the start of each cut, aligned in motion from 11 to 25 s."""
-    state, found = aligned(walk, 11.0, 25.0).state, {}
+    """Align in motion from 11 to 25 s, and return the filter's states after the fixes at the start of each cut."""
+    state, found = align(walk, 11.0, 25.0).state, {}
     for start_s in STARTS_S:
         _, state = follow(walk, state, start_s)
         found[start_s] = state
@@ -34,9 +34,9 @@ def states(walk):
 
 def test_alignments_in_motion_agree_as_far_as_they_state(walk):
     # Attitudes at the ends of windows, each against the whole window's, carried there by the gyros.
-    whole = aligned(walk, 11.0, 40.0)
+    whole = align(walk, 11.0, 40.0)
     for start_s, end_s in ((2.0, 14.0), (11.0, 20.0), (15.0, 25.0), (20.0, 35.0)):
-        found = aligned(walk, start_s, end_s)
+        found = align(walk, start_s, end_s)
         assert found.state is not None
         _, later = follow(walk, found.state, 40.0, use=lambda at: False)
         turned = Rotation.from_matrix(later.attitude @ whole.state.attitude.T).as_rotvec()

@@ -24,7 +24,7 @@ def label(seconds):
     return GPS_EPOCH + np.rint(np.asarray(seconds) * 1e9).astype("timedelta64[ns]")
 
 
-def perfect(motion, duration_s, rate_hz=20.0, start_s=0.0):
+def read_perfectly(motion, duration_s, rate_hz=20.0, start_s=0.0):
     unit = simulate_inertial(motion.at, rate_hz=rate_hz, duration_s=duration_s, start_s=start_s)
     return unit.read(0, unit.n_samples)
 
@@ -37,7 +37,7 @@ class Unit:
     bias: np.ndarray
 
 
-def erroneous(true: ImuSeries, grade: ImuGrade, rng: np.random.Generator) -> Unit:
+def add_errors(true: ImuSeries, grade: ImuGrade, rng: np.random.Generator) -> Unit:
     n, dt = true.gpst.size, true.interval_s
     six = np.repeat([grade.accelerometer_repeatability_m_s2, grade.gyro_repeatability_rad_s], 3)
     sigma = np.repeat([grade.accelerometer_instability_m_s2, grade.gyro_instability_rad_s], 3)
@@ -61,7 +61,7 @@ def erroneous(true: ImuSeries, grade: ImuGrade, rng: np.random.Generator) -> Uni
     return Unit(readings, bias)
 
 
-def piece(readings: ImuSeries, start_s: float, end_s: float) -> ImuSeries:
+def cut_piece(readings: ImuSeries, start_s: float, end_s: float) -> ImuSeries:
     rows = slice(*np.searchsorted(readings.gpst, [label(start_s), label(end_s)], side="right"))
     return replace(
         readings,
@@ -71,8 +71,8 @@ def piece(readings: ImuSeries, start_s: float, end_s: float) -> ImuSeries:
     )
 
 
-def drawn_start(motion, sigma, rng, at_s=0.0) -> NavState:
-    """Off the truth by errors of `sigma` (9,)."""
+def draw_start(motion, sigma, rng, at_s=0.0) -> NavState:
+    """Draw a start that is off the truth by errors of `sigma` (9,)."""
     m, off = motion.at(np.array([at_s])), sigma * rng.standard_normal(9)
     return NavState(
         gpst=label([at_s]),
@@ -83,7 +83,7 @@ def drawn_start(motion, sigma, rng, at_s=0.0) -> NavState:
     )
 
 
-def drawn_fix(motion, at_s, rng, place_m=1.5, speed_m_s=0.1, arm=ARM, shift=0.0) -> NavEstimate:
+def draw_fix(motion, at_s, rng, place_m=1.5, speed_m_s=0.1, arm=ARM, shift=0.0) -> NavEstimate:
     m = motion.at(np.array([at_s]))
     turned = m.attitude[0] @ np.stack((arm, np.cross(m.angular_rate_body_rad_s[0], arm)), axis=1)
     return estimate_from_parts(
@@ -95,8 +95,8 @@ def drawn_fix(motion, at_s, rng, place_m=1.5, speed_m_s=0.1, arm=ARM, shift=0.0)
     )
 
 
-def nees(state: InsState, motion, at_s: float, bias) -> float:
-    """Of the fifteen errors: chi-square with as many degrees where the covariance is true."""
+def compute_nees(state: InsState, motion, at_s: float, bias) -> float:
+    """Compute NEES of the fifteen errors, chi-square with as many degrees where the covariance is true."""
     m = motion.at(np.array([at_s]))
     psi = Rotation.from_matrix(state.attitude @ m.attitude[0].T).as_rotvec()
     remaining = bias - np.concatenate((state.accelerometer_bias_m_s2, state.gyro_bias_rad_s))

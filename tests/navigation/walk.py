@@ -42,7 +42,7 @@ class Walk:
 
 
 def read_log(folder) -> ImuSeries:
-    """The raw log, through a file as this program takes it."""
+    """Read the raw log through a file, as this program takes it."""
     times = np.loadtxt(folder / "imu_1730_sf.csv", delimiter=",", usecols=0)
     raw = np.genfromtxt(folder / "imu_1730.csv", delimiter=",", skip_header=1, skip_footer=1, usecols=range(6))
     values = np.concatenate((9.80665 * raw[:, :3], np.radians(raw[:, 3:])), axis=1)
@@ -75,7 +75,7 @@ def read_walk(folder) -> Walk:
     return Walk(readings, fixes, (gpst[within] - readings.gpst[0]) / np.timedelta64(1, "s"), to_enu)
 
 
-def aligned(walk: Walk, start_s: float, end_s: float):
+def align(walk: Walk, start_s: float, end_s: float):
     return align_moving(
         walk.readings,
         [fix for fix, at in zip(walk.fixes, walk.seconds, strict=True) if start_s <= at <= end_s],
@@ -95,7 +95,7 @@ class Seen:
 
 
 def follow(walk: Walk, state: InsState, end_s: float, *, use=None, fixes=None, false_alarm_probability=0.0):
-    """The filter over the fixes after its instant; `use` says which are taken in. What was seen, and its state."""
+    """Run the filter over the fixes after its instant that `use` takes in; return fixes and states."""
     seconds, off, spread, p_value = [], [], [], []
     for fix, at in zip(fixes or walk.fixes, walk.seconds, strict=True):
         if fix.gpst <= state.gpst or at > end_s:

@@ -27,7 +27,7 @@ class Rendered:
 
 @pytest.fixture(scope="session")
 def clean() -> Rendered:
-    """15 s of clean sky, two-bit samples: long enough for the time of week."""
+    """Render 15 s of clean sky to two-bit samples, long enough for the time of week."""
     front_end = FrontEnd(rate_hz=2_600_000, encoding="sign-magnitude", bits=2)
     return Rendered(
         scenes.make_clean(
@@ -45,6 +45,6 @@ def clean() -> Rendered:
 
 
 @pytest.fixture(scope="session")
-def meaconed() -> Rendered:
-    """6 s under a meaconer from 2 s on."""
+def meaconer() -> Rendered:
+    """Render 6 s under a meaconer that is on from 2 s."""
     return Rendered(scenes.make_meaconed(duration_s=6.0, onset_s=2.0, seed=5))

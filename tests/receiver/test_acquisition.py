@@ -21,8 +21,8 @@ CHIP_S = 1.0 / 1.023e6
 NEAR = SearchSettings(coherent_periods=4, n_sums=10)
 
 
-def wave(rng, n, sat, cn0_dbhz, delay_s, doppler_hz, rate_hz=RATE_HZ):
-    """One signal with random bits and phase, beside noise of variance 2 a complex sample."""
+def draw_wave(rng, n, sat, cn0_dbhz, delay_s, doppler_hz, rate_hz=RATE_HZ):
+    """Draw one signal with random bits and phase, beside noise of variance 2 a complex sample."""
     k = np.arange(n)
     chips = (k / rate_hz - delay_s) * 1.023e6 * (1.0 + doppler_hz / 1575.42e6)
     number = np.floor(chips / 1023 / 20 + rng.integers(20) / 20).astype(int)
@@ -32,19 +32,19 @@ def wave(rng, n, sat, cn0_dbhz, delay_s, doppler_hz, rate_hz=RATE_HZ):
     return np.sqrt(2.0 * 10.0 ** (cn0_dbhz / 10.0) / rate_hz) * code * bits * np.exp(2j * np.pi * turns)
 
 
-def noise(rng, n):
+def draw_noise(rng, n):
     return rng.normal(size=n) + 1j * rng.normal(size=n)
 
 
-def planes_of(samples):
+def quantize_planes(samples):
     return np.stack([samples.real, samples.imag]).astype(np.float32)
 
 
-def apart_chips(delay_s, truth_s):
+def measure_apart_chips(delay_s, truth_s):
     return ((delay_s - truth_s + 0.5e-3) % 1e-3 - 0.5e-3) / CHIP_S
 
 
-def near_grid(doppler_hz, settings=NEAR, reach_hz=250.0):
+def make_near_grid(doppler_hz, settings=NEAR, reach_hz=250.0):
     steps = int(reach_hz // settings.doppler_step_hz)
     return (round(doppler_hz / settings.doppler_step_hz) + np.arange(-steps, steps + 1.0)) * settings.doppler_step_hz
 
@@ -88,17 +88,17 @@ def test_delay_is_within_a_tenth_chip_and_doppler_within_10_hz(clean):
         column = [heard.id.sat for heard in sky.signals].index(peak.sat)
         # Scenes start at whole seconds, so code periods begin at whole milliseconds of transmission.
         truth_s = (sky.code_delay_s(true_s)[column] - true_s) % 1e-3
-        assert abs(apart_chips(peak.delay_s, truth_s)) < 0.1
+        assert abs(measure_apart_chips(peak.delay_s, truth_s)) < 0.1
         rate = sky.carrier_delay_rate(true_s)[column]
         drift = sky.receiver.lo_ppm * 1e-6
         assert peak.doppler_hz == pytest.approx(-1575.42e6 * (rate + drift), abs=10.0)
 
 
-def test_both_copies_are_found_once_the_meaconer_is_on(meaconed):
-    searcher = Searcher(GPS_L1_CA, meaconed.samples.rate_hz, SearchSettings())
-    start = int(4.0 * meaconed.samples.rate_hz)
-    peaks = searcher.search(meaconed.planes[:, start:], 0.0, EVERYWHERE, {})
-    in_sky = sorted(heard.id.sat for heard in meaconed.scene.skies[0].signals)
+def test_both_copies_are_found_once_the_meaconer_is_on(meaconer):
+    searcher = Searcher(GPS_L1_CA, meaconer.samples.rate_hz, SearchSettings())
+    start = int(4.0 * meaconer.samples.rate_hz)
+    peaks = searcher.search(meaconer.planes[:, start:], 0.0, EVERYWHERE, {})
+    in_sky = sorted(heard.id.sat for heard in meaconer.scene.skies[0].signals)
     assert sorted(peak.sat for peak in peaks) == in_sky
 
 
@@ -117,9 +117,9 @@ def test_any_sample_rate_will_do(rate_hz):
     rng = np.random.default_rng(4)
     searcher = Searcher(GPS_L1_CA, rate_hz, SearchSettings())
     n = searcher.n_samples
-    samples = wave(rng, n, "G09", 46.0, 321.7 * CHIP_S, 1510.0, rate_hz) + noise(rng, n)
-    (peak,) = searcher.search(planes_of(samples), 0.0, {"G09": GRID}, {})
-    assert abs(apart_chips(peak.delay_s, 321.7 * CHIP_S)) < 0.1
+    samples = draw_wave(rng, n, "G09", 46.0, 321.7 * CHIP_S, 1510.0, rate_hz) + draw_noise(rng, n)
+    (peak,) = searcher.search(quantize_planes(samples), 0.0, {"G09": GRID}, {})
+    assert abs(measure_apart_chips(peak.delay_s, 321.7 * CHIP_S)) < 0.1
     assert peak.doppler_hz == pytest.approx(1510.0, abs=5.0)
     assert peak.cn0_dbhz == pytest.approx(46.0, abs=1.25)  # three sigma
 
@@ -129,11 +129,11 @@ def test_real_samples_at_an_if_are_searched_as_well():
     rate_hz, if_hz = 12e6, 3e6
     searcher = Searcher(GPS_L1_CA, rate_hz, SearchSettings())
     n = searcher.n_samples
-    turned = wave(rng, n, "G09", 43.0, 50.3 * CHIP_S, -2210.0, rate_hz)
+    turned = draw_wave(rng, n, "G09", 43.0, 50.3 * CHIP_S, -2210.0, rate_hz)
     turned *= np.exp(2j * np.pi * if_hz / rate_hz * np.arange(n))
     planes = np.stack([turned.real + rng.normal(size=n) / np.sqrt(2.0), np.zeros(n)]).astype(np.float32)
     (peak,) = searcher.search(planes, if_hz, {"G09": GRID, "G10": GRID}, {})
-    assert abs(apart_chips(peak.delay_s, 50.3 * CHIP_S)) < 0.1
+    assert abs(measure_apart_chips(peak.delay_s, 50.3 * CHIP_S)) < 0.1
     assert peak.doppler_hz == pytest.approx(-2210.0, abs=5.0)
 
 
@@ -141,7 +141,7 @@ def test_the_samples_asked_for_are_enough_and_left_as_they_were():
     rng = np.random.default_rng(7)
     searcher = Searcher(GPS_L1_CA, 4e6, SearchSettings(n_sums=4))
     assert searcher.n_samples == 16000  # a recording of 4 ms
-    planes = planes_of(noise(rng, 16000))
+    planes = quantize_planes(draw_noise(rng, 16000))
     before = planes.copy()
     searcher.search(planes, 0.0, EVERYWHERE, {"G01": [KnownSignal(delay_s=1e-4, doppler_hz=0.0)]})
     np.testing.assert_array_equal(planes, before)
@@ -153,9 +153,9 @@ def test_the_samples_asked_for_are_enough_and_left_as_they_were():
 def test_taking_a_signal_out_leaves_the_noise():
     rng = np.random.default_rng(8)
     n = 104_000
-    alone = planes_of(noise(rng, n))
-    strong = wave(rng, n, "G07", 55.0, 123.4 * CHIP_S, 2345.0)
-    planes = alone + planes_of(strong)
+    alone = quantize_planes(draw_noise(rng, n))
+    strong = draw_wave(rng, n, "G07", 55.0, 123.4 * CHIP_S, 2345.0)
+    planes = alone + quantize_planes(strong)
     power = remove(planes, GPS_L1_CA, RATE_HZ, 0.0, [("G07", KnownSignal(delay_s=123.4 * CHIP_S, doppler_hz=2345.0))])
     # One complex amplitude a period of 2600 samples goes with it.
     assert np.sum((planes - alone) ** 2) / np.sum(np.abs(strong) ** 2) < 0.01
@@ -172,11 +172,11 @@ def test_a_second_signal_beside_a_known_one_is_found(apart, relative_db, doppler
     for _ in range(10):
         delay_s, doppler_hz = rng.uniform(0.0, 1e-3), rng.uniform(-4000.0, 4000.0)
         second_s = delay_s + apart * CHIP_S
-        samples = noise(rng, n) + wave(rng, n, "G07", 45.0, delay_s, doppler_hz)
-        samples += wave(rng, n, "G07", 45.0 + relative_db, second_s, doppler_hz + doppler_apart_hz)
+        samples = draw_noise(rng, n) + draw_wave(rng, n, "G07", 45.0, delay_s, doppler_hz)
+        samples += draw_wave(rng, n, "G07", 45.0 + relative_db, second_s, doppler_hz + doppler_apart_hz)
         known = {"G07": [KnownSignal(delay_s=delay_s + 0.01 * CHIP_S, doppler_hz=doppler_hz + 1.0)]}
-        peaks = searcher.search(planes_of(samples), 0.0, {"G07": near_grid(doppler_hz)}, known)
-        found += len(peaks) == 1 and abs(apart_chips(peaks[0].delay_s, second_s)) < 0.25
+        peaks = searcher.search(quantize_planes(samples), 0.0, {"G07": make_near_grid(doppler_hz)}, known)
+        found += len(peaks) == 1 and abs(measure_apart_chips(peaks[0].delay_s, second_s)) < 0.25
     assert found >= 9
 
 
@@ -184,11 +184,11 @@ def test_two_unknown_signals_1_5_chips_apart_are_both_found():
     rng = np.random.default_rng(10)
     searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings())
     n = searcher.n_samples
-    samples = noise(rng, n) + wave(rng, n, "G07", 50.0, 0.4e-3, 1100.0)
-    samples += wave(rng, n, "G07", 45.0, 0.4e-3 + 1.5 * CHIP_S, 1130.0)
-    peaks = searcher.search(planes_of(samples), 0.0, EVERYWHERE, {})
+    samples = draw_noise(rng, n) + draw_wave(rng, n, "G07", 50.0, 0.4e-3, 1100.0)
+    samples += draw_wave(rng, n, "G07", 45.0, 0.4e-3 + 1.5 * CHIP_S, 1130.0)
+    peaks = searcher.search(quantize_planes(samples), 0.0, EVERYWHERE, {})
     assert [peak.sat for peak in peaks] == ["G07", "G07"]
-    errors = sorted(apart_chips(peak.delay_s, 0.4e-3) for peak in peaks)
+    errors = sorted(measure_apart_chips(peak.delay_s, 0.4e-3) for peak in peaks)
     np.testing.assert_allclose(errors, [0.0, 1.5], atol=0.15)
 
 
@@ -197,10 +197,10 @@ def test_a_reflection_within_half_a_chip_is_not_another_signal():
     searcher = Searcher(GPS_L1_CA, RATE_HZ, NEAR)
     n = searcher.n_samples
     for _ in range(10):
-        samples = noise(rng, n) + wave(rng, n, "G07", 45.0, 0.4e-3, 1100.0)
-        samples += wave(rng, n, "G07", 37.0, 0.4e-3 + 0.4 * CHIP_S, 1100.0)
+        samples = draw_noise(rng, n) + draw_wave(rng, n, "G07", 45.0, 0.4e-3, 1100.0)
+        samples += draw_wave(rng, n, "G07", 37.0, 0.4e-3 + 0.4 * CHIP_S, 1100.0)
         known = {"G07": [KnownSignal(delay_s=0.4e-3 + 0.05 * CHIP_S, doppler_hz=1100.0)]}
-        assert searcher.search(planes_of(samples), 0.0, {"G07": near_grid(1100.0)}, known) == []
+        assert searcher.search(quantize_planes(samples), 0.0, {"G07": make_near_grid(1100.0)}, known) == []
 
 
 @pytest.mark.parametrize(("apart", "relative_db"), [(0.35, -3.0), (-0.5, -3.0), (0.5, -6.0)])
@@ -213,12 +213,13 @@ def test_a_signal_pulled_by_its_reflection_leaves_no_other(apart, relative_db, t
     reflected = 10.0 ** (relative_db / 20.0) * np.exp(2j * np.pi * turn_cyc)
     for seed in range(4):  # the same bits for both
         direct, late = (
-            wave(np.random.default_rng(seed), n, "G07", 47.0, 0.4e-3 + chips * CHIP_S, 1100.0) for chips in (0.0, apart)
+            draw_wave(np.random.default_rng(seed), n, "G07", 47.0, 0.4e-3 + chips * CHIP_S, 1100.0)
+            for chips in (0.0, apart)
         )
-        planes = planes_of(noise(rng, n) + direct + reflected * late)
+        planes = quantize_planes(draw_noise(rng, n) + direct + reflected * late)
         rough = KnownSignal(delay_s=0.4e-3, doppler_hz=1100.0)
         loop = measure(planes, GPS_L1_CA, RATE_HZ, 0.0, "G07", rough, doppler_reach_hz=50.0).signal
-        assert searcher.search(planes, 0.0, {"G07": near_grid(1100.0, searcher.settings)}, {"G07": [loop]}) == []
+        assert searcher.search(planes, 0.0, {"G07": make_near_grid(1100.0, searcher.settings)}, {"G07": [loop]}) == []
 
 
 @pytest.mark.parametrize("apart", [-1.5, -0.5, 0.5, 1.0, 1.5])
@@ -226,9 +227,9 @@ def test_overlapping_signals_separation_is_right(apart):
     rng = np.random.default_rng(19)
     n = 52_000
     first, second = (
-        wave(np.random.default_rng(3), n, "G07", 47.0, 0.4e-3 + chips * CHIP_S, 1100.0) for chips in (0.0, apart)
+        draw_wave(np.random.default_rng(3), n, "G07", 47.0, 0.4e-3 + chips * CHIP_S, 1100.0) for chips in (0.0, apart)
     )
-    planes = planes_of(noise(rng, n) + first - 0.6 * second)
+    planes = quantize_planes(draw_noise(rng, n) + first - 0.6 * second)
     wrong = KnownSignal(delay_s=0.4e-3 - 0.2 * np.sign(apart) * CHIP_S, doppler_hz=1100.0)
     beyond = KnownSignal(delay_s=0.4e-3 + (apart + 0.3 * np.sign(apart)) * CHIP_S, doppler_hz=1102.0)
     reported = separation_chips(planes, GPS_L1_CA, RATE_HZ, 0.0, "G07", wrong, beyond)
@@ -241,8 +242,8 @@ def test_a_strong_signal_is_not_taken_for_others_or_twice():
     searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings())
     n = searcher.n_samples
     for _ in range(3):
-        samples = noise(rng, n) + wave(rng, n, "G07", 60.0, rng.uniform(0.0, 1e-3), 1000.0)
-        assert [p.sat for p in searcher.search(planes_of(samples), 0.0, EVERYWHERE, {})] == ["G07"]
+        samples = draw_noise(rng, n) + draw_wave(rng, n, "G07", 60.0, rng.uniform(0.0, 1e-3), 1000.0)
+        assert [p.sat for p in searcher.search(quantize_planes(samples), 0.0, EVERYWHERE, {})] == ["G07"]
 
 
 def test_a_weak_satellite_is_found_below_a_strong_known_one():
@@ -250,9 +251,13 @@ def test_a_weak_satellite_is_found_below_a_strong_known_one():
     rng = np.random.default_rng(13)
     searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings())
     n = searcher.n_samples
-    samples = noise(rng, n) + wave(rng, n, "G07", 60.0, 0.2e-3, 1000.0) + wave(rng, n, "G11", 40.0, 0.7e-3, -2000.0)
+    samples = (
+        draw_noise(rng, n)
+        + draw_wave(rng, n, "G07", 60.0, 0.2e-3, 1000.0)
+        + draw_wave(rng, n, "G11", 40.0, 0.7e-3, -2000.0)
+    )
     known = {"G07": [KnownSignal(delay_s=0.2e-3, doppler_hz=1000.0)]}
-    peaks = searcher.search(planes_of(samples), 0.0, EVERYWHERE, known)
+    peaks = searcher.search(quantize_planes(samples), 0.0, EVERYWHERE, known)
     assert [peak.sat for peak in peaks] == ["G11"]
 
 
@@ -261,23 +266,27 @@ def test_strong_unrequested_signals_are_taken_for_none():
     rng = np.random.default_rng(21)
     searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings(coherent_periods=4, n_sums=5))
     n, delay_s = searcher.n_samples, 0.7e-3
-    grid = dict.fromkeys(GPS_SATS[:12], near_grid(0.0, searcher.settings))
+    grid = dict.fromkeys(GPS_SATS[:12], make_near_grid(0.0, searcher.settings))
     for _ in range(3):
-        samples = noise(rng, n) + wave(rng, n, "G05", 38.0, delay_s, 40.0)
+        samples = draw_noise(rng, n) + draw_wave(rng, n, "G05", 38.0, delay_s, 40.0)
         for sat in ("G20", "G23", "G28", "G31"):
-            samples += wave(rng, n, sat, 60.0, rng.uniform(0.0, 1e-3), 1000.0 * rng.integers(-4, 5))
-        (peak,) = searcher.search(planes_of(samples), 0.0, grid, {})
+            samples += draw_wave(rng, n, sat, 60.0, rng.uniform(0.0, 1e-3), 1000.0 * rng.integers(-4, 5))
+        (peak,) = searcher.search(quantize_planes(samples), 0.0, grid, {})
         assert peak.sat == "G05"
-        assert abs(apart_chips(peak.delay_s, delay_s)) < 0.5
+        assert abs(measure_apart_chips(peak.delay_s, delay_s)) < 0.5
 
 
 def test_a_satellite_is_searched_at_the_requested_dopplers_only():
     rng = np.random.default_rng(22)
     searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings(coherent_periods=4, n_sums=5))
     n = searcher.n_samples
-    samples = noise(rng, n) + wave(rng, n, "G07", 60.0, 0.2e-3, 3000.0) + wave(rng, n, "G07", 42.0, 0.6e-3, 0.0)
-    peaks = searcher.search(planes_of(samples), 0.0, {"G07": near_grid(0.0, searcher.settings)}, {})
-    assert [abs(apart_chips(peak.delay_s, 0.6e-3)) < 0.3 for peak in peaks] == [True]
+    samples = (
+        draw_noise(rng, n)
+        + draw_wave(rng, n, "G07", 60.0, 0.2e-3, 3000.0)
+        + draw_wave(rng, n, "G07", 42.0, 0.6e-3, 0.0)
+    )
+    peaks = searcher.search(quantize_planes(samples), 0.0, {"G07": make_near_grid(0.0, searcher.settings)}, {})
+    assert [abs(measure_apart_chips(peak.delay_s, 0.6e-3)) < 0.3 for peak in peaks] == [True]
 
 
 # ---------------------------------------------------------------------- stretches without noise
@@ -300,7 +309,7 @@ def test_a_satellite_is_searched_at_the_requested_dopplers_only():
 def test_a_stretch_that_holds_lines_and_no_noise_gives_no_signal(made, if_hz):
     searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings())
     wave = made(np.arange(searcher.n_samples))
-    assert searcher.search(planes_of(wave * (1.0 + 1.0j)), if_hz, {"G01": GRID, "G07": GRID}, {}) == []
+    assert searcher.search(quantize_planes(wave * (1.0 + 1.0j)), if_hz, {"G01": GRID, "G07": GRID}, {}) == []
 
 
 @given(st.lists(st.tuples(st.integers(0, 29), st.integers(0, 14)), max_size=8))
@@ -331,49 +340,51 @@ def test_a_heavier_tail_raises_the_threshold():
     assert tail.scale > 1.2
 
 
-def _white(rng, n):
-    return noise(rng, n)
+def _draw_white(rng, n):
+    return draw_noise(rng, n)
 
 
 def _color_noise(rng, n):
-    return filters.lfilter(*filters.butter(3, 0.35), noise(rng, n))
+    return filters.lfilter(*filters.butter(3, 0.35), draw_noise(rng, n))
 
 
-def _with_lines(rng, n):
+def _draw_with_lines(rng, n):
     turns = rng.uniform(-1e6, 1e6, (3, 1)) / RATE_HZ * np.arange(n) + rng.random((3, 1))
-    return noise(rng, n) + np.sum(10.0 ** (rng.uniform(-20.0, 5.0, (3, 1)) / 20.0) * np.exp(2j * np.pi * turns), axis=0)
+    return draw_noise(rng, n) + np.sum(
+        10.0 ** (rng.uniform(-20.0, 5.0, (3, 1)) / 20.0) * np.exp(2j * np.pi * turns), axis=0
+    )
 
 
-def _under_strong_satellites(rng, n):
-    """Whole kilohertz off, where cross-correlation is worst."""
+def _draw_under_strong(rng, n):
+    """Draw noise under strong satellites whole kilohertz off, where cross-correlation is worst."""
     strong = [
-        wave(rng, n, sat, rng.uniform(48.0, 54.0), rng.uniform(0.0, 1e-3), 1000.0 * rng.integers(-3, 4))
+        draw_wave(rng, n, sat, rng.uniform(48.0, 54.0), rng.uniform(0.0, 1e-3), 1000.0 * rng.integers(-3, 4))
         for sat in ("G30", "G31", "G32")
     ]
-    return noise(rng, n) + sum(strong)
+    return draw_noise(rng, n) + sum(strong)
 
 
-def _one_to_four_strong(rng, n, first_prn, rate_hz=RATE_HZ):
-    """Satellites from `first_prn` on, and the sum of what they send, without noise."""
+def _draw_strong(rng, n, first_prn, rate_hz=RATE_HZ):
+    """Draw satellites from `first_prn` on, and the sum of what they send, without noise."""
     sats = [f"G{prn:02d}" for prn in rng.choice(np.arange(first_prn, 33), rng.integers(1, 5), replace=False)]
     waves = [
-        wave(rng, n, sat, rng.uniform(45.0, 60.0), rng.uniform(0.0, 1e-3), rng.uniform(-5e3, 5e3), rate_hz)
+        draw_wave(rng, n, sat, rng.uniform(45.0, 60.0), rng.uniform(0.0, 1e-3), rng.uniform(-5e3, 5e3), rate_hz)
         for sat in sats
     ]
     return sats, sum(waves)
 
 
-def _under_one_to_four_strong(rng, n):
-    return noise(rng, n) + _one_to_four_strong(rng, n, 13)[1]
+def _draw_under_some_strong(rng, n):
+    return draw_noise(rng, n) + _draw_strong(rng, n, 13)[1]
 
 
-def _under_strong_in_one_bit(rng, n):
-    samples = _under_one_to_four_strong(rng, n)
+def _draw_under_strong_in_one_bit(rng, n):
+    samples = _draw_under_some_strong(rng, n)
     return np.sign(samples.real) + 1j * np.sign(samples.imag)
 
 
-def _hold(p_values, wanted):
-    """At most as stated, at that level and at a fiftieth of it; and half of it at least.
+def _assert_hold(p_values, wanted):
+    """Check that p-values are at most as frequent as stated, at that level and a fiftieth, and at least half.
 
     Neighbouring cells and Dopplers are not independent, so that a search holds fewer than are counted.
     """
@@ -387,12 +398,12 @@ def _hold(p_values, wanted):
 @pytest.mark.parametrize(
     "made",
     [
-        _white,
+        _draw_white,
         _color_noise,
-        _with_lines,
-        _under_strong_satellites,
-        _under_one_to_four_strong,
-        _under_strong_in_one_bit,
+        _draw_with_lines,
+        _draw_under_strong,
+        _draw_under_some_strong,
+        _draw_under_strong_in_one_bit,
     ],
 )
 def test_false_alarms_come_at_the_stated_rate(made):
@@ -403,11 +414,11 @@ def test_false_alarms_come_at_the_stated_rate(made):
     searcher = Searcher(GPS_L1_CA, RATE_HZ, settings)
     p_values = []
     for _ in range(1500):
-        centre_hz = 0.0 if made is _under_strong_satellites else settings.doppler_step_hz * rng.integers(-10, 10)
-        grid = {f"G{prn:02d}": near_grid(centre_hz, settings) for prn in range(1, 13)}
-        peaks = searcher.search(planes_of(made(rng, searcher.n_samples)), 0.0, grid, {})
+        centre_hz = 0.0 if made is _draw_under_strong else settings.doppler_step_hz * rng.integers(-10, 10)
+        grid = {f"G{prn:02d}": make_near_grid(centre_hz, settings) for prn in range(1, 13)}
+        peaks = searcher.search(quantize_planes(made(rng, searcher.n_samples)), 0.0, grid, {})
         p_values.append(min((peak.p_value for peak in peaks), default=1.0))
-    _hold(p_values, wanted)
+    _assert_hold(p_values, wanted)
 
 
 @pytest.mark.long
@@ -418,13 +429,13 @@ def test_false_alarms_of_a_full_search_keep_the_stated_rate(rate_hz):
     searcher = Searcher(GPS_L1_CA, rate_hz, SearchSettings(false_alarm_probability=wanted))
     p_values = []
     for _ in range(300):
-        strong_sats, strong = _one_to_four_strong(rng, searcher.n_samples, 1, rate_hz)
-        peaks = searcher.search(planes_of(strong + noise(rng, searcher.n_samples)), 0.0, EVERYWHERE, {})
+        strong_sats, strong = _draw_strong(rng, searcher.n_samples, 1, rate_hz)
+        peaks = searcher.search(quantize_planes(strong + draw_noise(rng, searcher.n_samples)), 0.0, EVERYWHERE, {})
         once = {peak.sat: max(p.power for p in peaks if p.sat == peak.sat) for peak in peaks if peak.sat in strong_sats}
         assert set(once) == set(strong_sats)
         false = [peak.p_value for peak in peaks if peak.power != once.get(peak.sat)]
         p_values.append(min(false, default=1.0))
-    _hold(p_values, wanted)
+    _assert_hold(p_values, wanted)
 
 
 @pytest.mark.long
@@ -436,12 +447,14 @@ def test_a_tracked_satellite_alone_gives_no_second_signal(cn0_dbhz):
     false = 0
     for _ in range(2000):
         delay_s, doppler_hz = rng.uniform(0.0, 1e-3), rng.uniform(-4000.0, 4000.0)
-        samples = noise(rng, searcher.n_samples) + wave(rng, searcher.n_samples, "G07", cn0_dbhz, delay_s, doppler_hz)
+        samples = draw_noise(rng, searcher.n_samples) + draw_wave(
+            rng, searcher.n_samples, "G07", cn0_dbhz, delay_s, doppler_hz
+        )
         known_signal = KnownSignal(
             delay_s=delay_s + 0.02 * rng.normal() * CHIP_S, doppler_hz=doppler_hz + 2.0 * rng.normal()
         )
-        grid = {"G07": near_grid(doppler_hz, searcher.settings)}
-        false += bool(searcher.search(planes_of(samples), 0.0, grid, {"G07": [known_signal]}))
+        grid = {"G07": make_near_grid(doppler_hz, searcher.settings)}
+        false += bool(searcher.search(quantize_planes(samples), 0.0, grid, {"G07": [known_signal]}))
     assert false <= 2  # 0.2 are expected
 
 
@@ -472,7 +485,7 @@ def test_a_real_capture_gives_the_satellites_known_to_be_in_it(shared_data, name
     assert set(in_capture) - set(found) <= {weakest}
     for peak in peaks:
         doppler_hz, chips = in_capture[prn_of(peak.sat)]
-        assert abs(apart_chips(peak.delay_s, chips * CHIP_S)) < 1.0
+        assert abs(measure_apart_chips(peak.delay_s, chips * CHIP_S)) < 1.0
         assert peak.doppler_hz == pytest.approx(doppler_hz, abs=50.0 if periods > 4 else 125.0)
 
 

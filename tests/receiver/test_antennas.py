@@ -48,14 +48,14 @@ class Array:
         self.skies = make_scene(scenario, navigation).skies
         self.planes = np.stack([plane.read(0, plane.n_samples) for plane in render_samples(scenario, navigation)])
 
-    def carrier_cyc(self, antenna, sat, elapsed_s):
-        """True accumulated carrier phase, but for what all antennas and satellites share."""
+    def find_carrier_cyc(self, antenna, sat, elapsed_s):
+        """Return the true accumulated carrier phase, but for what all antennas and satellites share."""
         sky = self.skies[antenna]
         true_s = elapsed_s + sky.true_minus_elapsed_s(elapsed_s)
         column = [received.id.sat for received in sky.signals].index(sat)
         return 1575.42e6 * (sky.carrier_delay_s(true_s)[:, column] - sky.true_minus_elapsed_s(elapsed_s))
 
-    def code_m(self, antenna, sat, elapsed_s):
+    def find_code_m(self, antenna, sat, elapsed_s):
         sky = self.skies[antenna]
         true_s = elapsed_s + sky.true_minus_elapsed_s(elapsed_s)
         column = [received.id.sat for received in sky.signals].index(sat)
@@ -82,14 +82,14 @@ def track(array):
 
 
 def normalize_differences(array, measurements, arcs, antennas):
-    """Errors of the phase differences against the first of `antennas` over their sigmas, and those per signal."""
+    """Divide errors of phase differences against the first of `antennas` by their sigmas; also per signal."""
     first, *other_antennas = antennas
     for number, arc in arcs.items():
         rows = measurements.arc == number
         antenna_rows, at_s = measurements.own[rows], measurements.elapsed_s[rows]
         for other in other_antennas:
             sat = arc.signal.sat
-            true_cyc = array.carrier_cyc(first, sat, at_s) - array.carrier_cyc(other, sat, at_s)
+            true_cyc = array.find_carrier_cyc(first, sat, at_s) - array.find_carrier_cyc(other, sat, at_s)
             error = antenna_rows[:, other, m.OWN_PHASE_CYC] - antenna_rows[:, first, m.OWN_PHASE_CYC] - true_cyc
             sigma = np.hypot(
                 antenna_rows[:, other, m.OWN_PHASE_SIGMA_CYC], antenna_rows[:, first, m.OWN_PHASE_SIGMA_CYC]
@@ -121,12 +121,12 @@ def test_code_and_carrier_on_each_antenna_are_true(array, track):
         for number, arc in arcs.items():
             part = on_one.select((on_one.arc == number) & (on_one.elapsed_s > 1.5))
             at_s, sat = part.elapsed_s, arc.signal.sat
-            carrier = part.column(m.CARRIER_CYC) - array.carrier_cyc(antenna, sat, at_s)
+            carrier = part.column(m.CARRIER_CYC) - array.find_carrier_cyc(antenna, sat, at_s)
             assert np.abs(carrier - np.median(carrier)).max() < 0.06
             assert part.column(m.SLIP).max() == 0.0
             shown_s = part.column(m.PERIODS) * 1e-3 + part.column(m.FRACTION_S)
             range_m = SPEED_OF_LIGHT_M_S * (at_s - shown_s)  # but for the time of transmission of the first period
-            error_m = range_m - array.code_m(antenna, sat, at_s)
+            error_m = range_m - array.find_code_m(antenna, sat, at_s)
             spreads.append(np.std(error_m) / np.mean(part.column(m.CODE_SIGMA_S)) / SPEED_OF_LIGHT_M_S)
     assert 0.8 < np.sqrt(np.mean(np.square(spreads))) < 1.2
 
@@ -185,7 +185,7 @@ def test_delays_of_the_lines_are_taken_off_where_they_are_known(array, track):
     off = (known.phase_cyc - unknown.phase_cyc)[measured].reshape(-1, 3)
     assert np.allclose(off, LINE_BIAS_CYC)
     for column, signal in enumerate(known.signals):
-        true_cyc = -array.carrier_cyc(1, signal.sat, elapsed_s) + array.carrier_cyc(0, signal.sat, elapsed_s)
+        true_cyc = -array.find_carrier_cyc(1, signal.sat, elapsed_s) + array.find_carrier_cyc(0, signal.sat, elapsed_s)
         error = known.phase_cyc[:, column, 1] - known.phase_cyc[:, column, 0] - true_cyc - LINE_BIAS_CYC[1]
         assert np.nanmedian(np.abs(error - np.rint(error))) < 0.01
 

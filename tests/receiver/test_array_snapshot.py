@@ -13,7 +13,7 @@ CHIP_HZ, PERIOD_S = GPS_L1_CA.chip_rate_hz, GPS_L1_CA.period_s
 
 
 def receive_samples(rng, phases_cyc, cn0_dbhz, doppler_hz, delay_s, *, real=True, one_bit=False):
-    """(n_antennas, 2, N): G07 with random bits and edges, and noise of each antenna."""
+    """Draw G07 with random bits and edges, and noise of each antenna, (n_antennas, 2, N), and receive it."""
     t = np.arange(N) / RATE_HZ
     chips = (t - delay_s) * (1.0 + doppler_hz / GPS_L1_CA.carrier_hz) * CHIP_HZ
     code = GPS_L1_CA.code(7)[np.floor(chips).astype(int) % 1023]

@@ -16,8 +16,8 @@ def limit(probability):
     return shift_limit(probability, PERIODS_PER_BIT)
 
 
-def prompts_of(rng, *, cn0_dbhz, moved=0, start=0, beat=None):
-    """Complex prompts of a row of measurements: noise of variance 1 in both parts, bits that begin `moved` earlier.
+def draw_prompts(rng, *, cn0_dbhz, moved=0, start=0, beat=None):
+    """Draw complex prompts with noise of variance 1 in both parts and bits that begin `moved` earlier.
 
     beat : amplitude of a second signal and by how many hertz its carrier differs.
     """
@@ -32,7 +32,7 @@ def prompts_of(rng, *, cn0_dbhz, moved=0, start=0, beat=None):
 
 def score_of(rng, n_signals, **signal):
     starts = rng.integers(0, PERIODS_PER_BIT, n_signals)
-    prompts = np.array([prompts_of(rng, start=start, **signal) for start in starts])
+    prompts = np.array([draw_prompts(rng, start=start, **signal) for start in starts])
     firsts = rng.integers(0, 10_000, n_signals)
     sums = add_bits(
         NOTHING,
@@ -75,21 +75,21 @@ def test_bits_that_moved_are_seen_in_a_few_looks(moved, beat):
     rng = np.random.default_rng(2)
     sums = NOTHING
     for _ in range(3):
-        prompts = np.array([prompts_of(rng, cn0_dbhz=43.0, moved=moved, beat=beat) for _ in range(6)])
+        prompts = np.array([draw_prompts(rng, cn0_dbhz=43.0, moved=moved, beat=beat) for _ in range(6)])
         sums = add_bits(sums, prompts, np.zeros(6, np.int64), np.zeros(6))
     assert edge_scores(sums).max() > limit(1e-6)
 
 
 def test_the_strength_of_a_signal_does_not_matter():
     rng = np.random.default_rng(3)
-    prompts = np.array([prompts_of(rng, cn0_dbhz=40.0) for _ in range(4)])
+    prompts = np.array([draw_prompts(rng, cn0_dbhz=40.0) for _ in range(4)])
     same, louder = (add_bits(NOTHING, factor * prompts, np.zeros(4, np.int64), np.zeros(4)) for factor in (1.0, 1e4))
     np.testing.assert_allclose(edge_scores(same), edge_scores(louder))
 
 
 def test_too_few_bits_say_nothing():
     rng = np.random.default_rng(4)
-    prompts = prompts_of(rng, cn0_dbhz=45.0, moved=5)[None]
+    prompts = draw_prompts(rng, cn0_dbhz=45.0, moved=5)[None]
     sums = add_bits(NOTHING, prompts, np.zeros(1, np.int64), np.zeros(1))
     assert 0 < sums.n_bits < 15
     assert not edge_scores(sums).any()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.recording.test_survey import recorded
+from tests.recording.test_survey import record
 
 from skyproof.gnss.constants import L1_HZ
 from skyproof.receiver import measurement as m
@@ -19,8 +19,8 @@ PPM = 1e-6
 
 
 def measure_at(wrong_ppm, rate_hz=2.6e6, **front_end):
-    """What a survey shows of a clean sky whose rate is given wrong; Dopplers as they are seen at that rate."""
-    samples, heard = recorded(rate_hz, **front_end)
+    """Survey a clean sky whose rate is given wrong; Dopplers are as they are seen at that rate."""
+    samples, heard = record(rate_hz, **front_end)
     given_hz = samples.rate_hz * (1.0 + wrong_ppm * PPM)
     for wave in heard:
         wave.doppler_hz += wrong_ppm * PPM * (samples.if_hz + wave.doppler_hz)
@@ -68,8 +68,8 @@ def test_a_right_rate_is_left_alone():
 # --- by what was tracked
 
 
-def tracked(share, *, n_sats=8, seed=0, rows=11, oscillator_hz=0.0, sigma_m=1.0):
-    """Rows of so many satellites, 0.2 s apart, whose codes run faster than their carriers by `share`."""
+def make_tracked(share, *, n_sats=8, seed=0, rows=11, oscillator_hz=0.0, sigma_m=1.0):
+    """Make rows of so many satellites, 0.2 s apart, whose codes run faster than carriers by `share`."""
     rng = np.random.default_rng(seed)
     elapsed_s = np.repeat(1.0 + 0.2 * np.arange(rows), n_sats)
     arc = np.tile(np.arange(n_sats), rows)
@@ -90,13 +90,13 @@ def tracked(share, *, n_sats=8, seed=0, rows=11, oscillator_hz=0.0, sigma_m=1.0)
     )
 
 
-def sats(n):
+def list_sats(n):
     return {number: f"G{number + 1:02d}" for number in range(n)}
 
 
 @given(share=st.floats(-1e-4, 1e-4), n_sats=st.integers(4, 12), seed=st.integers(0, 1000))
 def test_the_drift_of_tracked_signals_is_measured(share, n_sats, seed):
-    apart = estimate_from_tracks(tracked(share, n_sats=n_sats, seed=seed), sats(n_sats))
+    apart = estimate_from_tracks(make_tracked(share, n_sats=n_sats, seed=seed), list_sats(n_sats))
     assert abs(apart.code_minus_carrier - share) < 12.0 * apart.sigma + 1e-11
     assert apart.sigma < 1e-8
 
@@ -104,22 +104,23 @@ def test_the_drift_of_tracked_signals_is_measured(share, n_sats, seed):
 def test_agreeing_signals_are_corrected_once_in_a_thousand():
     # The scatter of few satellites determines the sigma badly; the least that counts holds against that.
     certain = [
-        estimate_from_tracks(tracked(0.0, n_sats=4 + seed % 9, seed=seed), sats(12)).certain for seed in range(300)
+        estimate_from_tracks(make_tracked(0.0, n_sats=4 + seed % 9, seed=seed), list_sats(12)).certain
+        for seed in range(300)
     ]
     assert sum(certain) <= 1
 
 
 def test_two_of_eight_signals_that_are_drawn_away_move_nothing():
-    measurements = tracked(0.0)
+    measurements = make_tracked(0.0)
     for arc in (0, 1):
         rows = measurements.arc == arc
         measurements.table[rows, m.FRACTION_S] += 1e-6 * measurements.elapsed_s[rows]
-    assert not estimate_from_tracks(measurements, sats(8)).certain
+    assert not estimate_from_tracks(measurements, list_sats(8)).certain
 
 
 def test_too_few_or_too_short_signals_show_nothing():
-    assert estimate_from_tracks(tracked(1e-5, n_sats=3), sats(3)) is None
-    assert estimate_from_tracks(tracked(1e-5, rows=5), sats(8)) is None
+    assert estimate_from_tracks(make_tracked(1e-5, n_sats=3), list_sats(3)) is None
+    assert estimate_from_tracks(make_tracked(1e-5, rows=5), list_sats(8)) is None
 
 
 # --- which of both is wrong

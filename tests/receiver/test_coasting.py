@@ -10,7 +10,7 @@ from skyproof.receiver import kernels as k
 NOMINAL = 1.023e6, 1575.42e6
 
 
-def loops_of(power, count, n=1):
+def make_loops(power, count, n=1):
     loops = np.zeros((n, k.N_STATE))
     loops[:, k.LOCK_I], loops[:, k.LOCK_Q] = np.asarray(power).reshape(2, -1)
     loops[:, k.LOCK_COUNT] = count
@@ -22,17 +22,17 @@ def test_noise_passes_for_a_signal_as_often_as_stated(count):
     rng = np.random.default_rng(count)
     n, stated, noise = 200_000, 1e-3, 7.0
     squares = 0.5 * noise * rng.chisquare(count, (2, n))  # of prompts whose I and Q have half the noise each
-    passed = int(c.has_power(loops_of(squares, count, n), noise, stated).sum())
+    passed = int(c.has_power(make_loops(squares, count, n), noise, stated).sum())
     assert stats.binomtest(passed, n, stated).pvalue > 1e-4
 
 
 def test_a_frame_of_nothing_has_no_power():
-    assert not c.has_power(loops_of(np.zeros((2, 1)), 0), 1.0, 1e-3).any()
-    assert not c.has_power(loops_of(np.zeros((2, 1)), 0), 0.0, 1e-3).any()
+    assert not c.has_power(make_loops(np.zeros((2, 1)), 0), 1.0, 1e-3).any()
+    assert not c.has_power(make_loops(np.zeros((2, 1)), 0), 0.0, 1e-3).any()
 
 
 def build_measured(rates_hz_s, drift_hz_s, lost, seconds, rng):
-    """Courses after rows of measurements each 0.2 s; the `lost` channel is measured for the first half only."""
+    """Build courses after rows measured each 0.2 s; the `lost` channel is measured for the first half only."""
     rates = np.array(rates_hz_s)
     courses = np.full((rates.size, c.N_COURSE), np.nan)
     for row in range(1, round(seconds / 0.2) + 1):

@@ -15,8 +15,11 @@ CHIP_RATE_HZ = 1.023e6
 PHASES = 32
 
 
-def sharp_table(code, chips_per_sample, n_phases, n_samples, reach_chips=c.REACH_CHIPS):
-    """The code at `n_phases` fractions of a sample: row p, column k is the chip (k - pad + p / n_phases) samples on."""
+def make_sharp_table(code, chips_per_sample, n_phases, n_samples, reach_chips=c.REACH_CHIPS):
+    """Tabulate the code at `n_phases` fractions of a sample.
+
+    Row p, column k is the chip (k - pad + p / n_phases) samples on.
+    """
     pad = c.table_pad(chips_per_sample, reach_chips)
     samples = np.arange(-pad, n_samples + pad)[None, :] + np.arange(n_phases)[:, None] / n_phases
     return code[np.floor(samples * chips_per_sample).astype(np.int64) % code.size]
@@ -57,18 +60,20 @@ class Case:
     def wiped(self):
         return self.stretch * np.exp(-2j * np.pi * (self.phase_cyc + np.arange(self.n) * self.cycles))
 
-    def chips(self, delay_chips):
-        """Exact code phase of the replica at every sample."""
+    def compute_chips(self, delay_chips):
+        """Compute the exact code phase of the replica at every sample."""
         return self.chip + np.arange(self.n) * self.step + delay_chips
 
-    def plain(self):
-        return np.array([np.sum(self.wiped * CODE[np.floor(self.chips(d)).astype(int) % 1023]) for d in self.delays])
+    def correlate_plainly(self):
+        return np.array(
+            [np.sum(self.wiped * CODE[np.floor(self.compute_chips(d)).astype(int) % 1023]) for d in self.delays]
+        )
 
-    def doubt(self, sample):
-        """The most that a replica displaced by up to `sample` may change each sum."""
+    def bound_doubt(self, sample):
+        """Bound the change of each sum by a replica that is displaced by up to `sample`."""
         changed = [
-            CODE[np.floor(self.chips(d) - sample * self.nominal).astype(int) % 1023]
-            != CODE[np.floor(self.chips(d) + sample * self.nominal).astype(int) % 1023]
+            CODE[np.floor(self.compute_chips(d) - sample * self.nominal).astype(int) % 1023]
+            != CODE[np.floor(self.compute_chips(d) + sample * self.nominal).astype(int) % 1023]
             for d in self.delays
         ]
         return np.array([2.0 * np.sum(np.abs(self.stretch[samples])) for samples in changed])
@@ -76,7 +81,7 @@ class Case:
     def run(self, *, first=0, n=None, dopplers=(0.0,), room=None):
         """Sums (n_dopplers, n_delays) and shifts of `n` samples from the one numbered `first` in the stretch."""
         n = self.n - first if n is None else n
-        table = sharp_table(CODE, self.nominal, PHASES, math.ceil(1023 / self.nominal) + 1, self.reach)
+        table = make_sharp_table(CODE, self.nominal, PHASES, math.ceil(1023 / self.nominal) + 1, self.reach)
         sums = np.full((len(dopplers), self.delays.size, 2), np.inf)
         shifts = np.full(self.delays.size, np.inf)
         c.correlate_period(
@@ -123,7 +128,10 @@ CASES = st.builds(
 @given(case=CASES)
 def test_sums_are_the_plain_ones_within_the_codes_rounding(case):
     sums, shifts = case.run()
-    assert np.all(np.abs(sums[0] - case.plain()) <= case.doubt(measure_displacement(case, case.n)) + 1e-5 * case.n)
+    assert np.all(
+        np.abs(sums[0] - case.correlate_plainly())
+        <= case.bound_doubt(measure_displacement(case, case.n)) + 1e-5 * case.n
+    )
     assert np.all(np.abs(shifts) <= (0.5 / PHASES + 1e-6) * case.nominal)
 
 
@@ -133,7 +141,7 @@ def test_two_pieces_add_up_to_the_whole(case, share):
     cut = int(share * case.n)
     assume(0 < cut < case.n)
     whole, first, second = case.run()[0], case.run(n=cut)[0], case.run(first=cut)[0]
-    doubt = 2.0 * case.doubt(measure_displacement(case, case.n))
+    doubt = 2.0 * case.bound_doubt(measure_displacement(case, case.n))
     assert np.all(np.abs(whole - first - second)[0] <= doubt + 2e-5 * case.n)
 
 
@@ -143,7 +151,7 @@ def test_the_shift_returned_is_the_shift_of_the_replica_used(case, n):
     case.n = min(n, case.n)
     sums, shifts = case.run()
     for total, delay, shift in zip(sums[0], case.delays, shifts, strict=True):
-        middle = case.chips(delay)[0] + 0.5 * (case.n - 1) * case.step - shift
+        middle = case.compute_chips(delay)[0] + 0.5 * (case.n - 1) * case.step - shift
         first = middle / case.nominal - 0.5 * (case.n - 1)
         on_grid = round(first * PHASES) / PHASES  # a fraction that the table has
         assert abs(first - on_grid) < 1e-6
@@ -157,7 +165,7 @@ def test_the_mean_shift_over_chunks_is_taken_off_without_bias():
     for chip in np.linspace(0.0, 0.02, 40, endpoint=False):
         case = Case(41e6, chip=chip, doppler_hz=0.0, phase_cyc=0.0, delays_chips=(0.25, 0.0, -0.25), begin=0)
         case.samples[:] = 0.0
-        case.samples[0, : case.n] = CODE[np.floor(case.chips(0.0)).astype(int) % 1023]
+        case.samples[0, : case.n] = CODE[np.floor(case.compute_chips(0.0)).astype(int) % 1023]
         sums, shifts = case.run()
         early, prompt, late = sums[0].real
         errors.append([0.5 * (early - late) / prompt, 0.5 * (shifts[0] + shifts[2])])
@@ -179,14 +187,14 @@ def test_a_sum_does_not_depend_on_how_many_others_are_asked_for(rate_hz, n_delay
 def test_a_doppler_tap_finds_its_signal_less_the_loss_stated(rate_hz, offset_hz):
     case = Case(rate_hz, delays_chips=(0.0, 0.5))
     k = np.arange(case.n)
-    code = CODE[np.floor(case.chips(0.0)).astype(int) % 1023]
+    code = CODE[np.floor(case.compute_chips(0.0)).astype(int) % 1023]
     wave = code * np.exp(2j * np.pi * (case.phase_cyc + k * (case.cycles + offset_hz / rate_hz)))
     case.samples[:, case.begin : case.begin + case.n] = np.stack([wave.real, wave.imag])
     sums, _ = case.run(dopplers=(0.0, offset_hz / rate_hz))
     plain = np.sum(np.exp(2j * np.pi * k * offset_hz / rate_hz))
     loss = np.sinc(offset_hz * c._chunk_length(case.n) / rate_hz)  # over a chunk
     assert loss > 0.8
-    doubt = case.doubt(measure_displacement(case, case.n))[0]
+    doubt = case.bound_doubt(measure_displacement(case, case.n))[0]
     assert abs(sums[0, 0] - plain) < doubt + 1e-5 * case.n
     assert abs(sums[1, 0] - loss * case.n) < doubt + 2e-3 * case.n
 
@@ -218,7 +226,8 @@ def test_far_delays_need_a_table_that_reaches_so_far():
     far = (-8.0, 0.0, 8.0)
     case = Case(delays_chips=far, reach_chips=8.0)
     assert np.all(
-        np.abs(case.run()[0][0] - case.plain()) <= case.doubt(measure_displacement(case, case.n)) + 1e-5 * case.n
+        np.abs(case.run()[0][0] - case.correlate_plainly())
+        <= case.bound_doubt(measure_displacement(case, case.n)) + 1e-5 * case.n
     )
     for delay in (-8.0, 8.0):
         sums, shifts = Case(delays_chips=(0.0, delay)).run()
@@ -247,7 +256,7 @@ def test_an_empty_stretch_sums_to_nothing():
 
 def test_the_scratch_keeps_nothing_from_call_to_call():
     case, other = Case(delays_chips=(0.3, 0.2, 0.1, 0.0, -0.1)), Case(seed=2, chip=0.1, delays_chips=[0.5] * 5)
-    table = sharp_table(CODE, case.nominal, PHASES, 2605)
+    table = make_sharp_table(CODE, case.nominal, PHASES, 2605)
     scratch = c.allocate_scratch(2605, 5)
 
     def run(which):

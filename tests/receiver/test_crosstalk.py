@@ -26,14 +26,14 @@ SETTLED_S, SPREAD_S = 1.2, 2.2
 CHIP_S = 1.0 / GPS_L1_CA.chip_rate_hz
 
 
-def step_of() -> int:
-    """A lag from which the code's autocorrelation steps from -1/1023 to another value at the next chip."""
+def find_step() -> int:
+    """Find a lag from which the code's autocorrelation steps from -1/1023 to another value at the next chip."""
     auto = np.rint(np.fft.ifft(np.abs(np.fft.fft(CODE.astype(float))) ** 2).real)
     return int(next(lag for lag in range(20, 900) if auto[lag] == -1 and auto[lag + 1] == 63))
 
 
-def errors_of_the_weaker(apart_chips, stronger_db, apart_hz, *, same_bits=True):
-    """Code (m), carrier (cycles), C/N0 (dB) and stated sigma of the code (m), an epoch each."""
+def measure_weaker(apart_chips, stronger_db, apart_hz, *, same_bits=True):
+    """Measure errors of the weaker signal: code (m), carrier (cycles), C/N0 (dB), and code's stated sigma (m)."""
     doppler_hz = np.array([-1234.5, -1234.5 + apart_hz])
     middle_s = SETTLED_S + 0.5 * SPREAD_S
     delay_s = 0.07 + np.array([0.0, apart_chips * CHIP_S + apart_hz / GPS_L1_CA.carrier_hz * middle_s])
@@ -63,7 +63,7 @@ def errors_of_the_weaker(apart_chips, stronger_db, apart_hz, *, same_bits=True):
     return SPEED_OF_LIGHT_M_S * late_s, cycles - 0.5 * np.rint(2.0 * cycles), table[:, m.CN0_DBHZ] - WEAK_DBHZ, sigma_m
 
 
-def rms(values) -> float:
+def compute_rms(values) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
@@ -72,20 +72,20 @@ def rms(values) -> float:
     ("apart_chips", "stronger_db", "apart_hz", "same_bits"),
     [
         (2.0, 10.0, 0.0, True),
-        (step_of() + 0.5, 20.0, 0.0, True),
-        (step_of() + 0.5, 20.0, 0.5, True),
-        (-(step_of() + 0.5), 10.0, 0.1, False),  # bits turn over in the midst of the other's
+        (find_step() + 0.5, 20.0, 0.0, True),
+        (find_step() + 0.5, 20.0, 0.5, True),
+        (-(find_step() + 0.5), 10.0, 0.1, False),  # bits turn over in the midst of the other's
     ],
 )
 def test_the_weaker_of_two_is_measured_as_if_alone(monkeypatch, apart_chips, stronger_db, apart_hz, same_bits):
-    code_m, carrier_cyc, cn0_db, sigma_m = errors_of_the_weaker(apart_chips, stronger_db, apart_hz, same_bits=same_bits)
+    code_m, carrier_cyc, cn0_db, sigma_m = measure_weaker(apart_chips, stronger_db, apart_hz, same_bits=same_bits)
     assert code_m.size >= 10
-    assert rms(code_m / sigma_m) < 1.6  # of 11 epochs
-    assert rms(carrier_cyc) < 0.0025
-    assert rms(cn0_db) < 0.8
+    assert compute_rms(code_m / sigma_m) < 1.6  # of 11 epochs
+    assert compute_rms(carrier_cyc) < 0.0025
+    assert compute_rms(cn0_db) < 0.8
     monkeypatch.setattr(antennas, "take_out", lambda sats, *_, **__: np.full(len(sats), np.nan))
-    swung_m, *_ = errors_of_the_weaker(apart_chips, stronger_db, apart_hz, same_bits=same_bits)
-    assert swung_m.size == 0 or rms(swung_m) > 3.0 * rms(code_m)  # pulled away, or metres off
+    swung_m, *_ = measure_weaker(apart_chips, stronger_db, apart_hz, same_bits=same_bits)
+    assert swung_m.size == 0 or compute_rms(swung_m) > 3.0 * compute_rms(code_m)  # pulled away, or metres off
 
 
 def test_at_whole_chips_the_table_is_the_sum_of_products():
@@ -95,8 +95,8 @@ def test_at_whole_chips_the_table_is_the_sum_of_products():
         assert table[lag * POINTS] == pytest.approx(np.dot(code[lag:], code[: code.size - lag]) / code.size, abs=5e-3)
 
 
-def rows_of(*starts_chips):
-    """Two frames of ten periods of channels with unit prompts whose codes begin so many chips later."""
+def make_rows(*starts_chips):
+    """Make two frames of ten periods of channels with unit prompts whose codes begin so many chips later."""
     frames = []
     for first in (0, 10):
         rows = np.zeros((len(starts_chips), 12, k.OUT_TAPS + 6))
@@ -129,7 +129,7 @@ def clean_taps(sats, before, now):
     [(["G05", "G07"], (0.0, 3.0)), (["G05", "G05"], (0.0, 0.5)), (["G05", "G05"], (1022.7, 0.0))],
 )
 def test_single_signals_and_shared_channels_stay_unchanged(sats, starts_chips):
-    before, now = rows_of(*starts_chips)
+    before, now = make_rows(*starts_chips)
     was = before[0].copy(), now[0].copy()
     assert np.isnan(clean_taps(sats, before, now)).all()
     assert np.array_equal(before[0], was[0])
@@ -137,7 +137,7 @@ def test_single_signals_and_shared_channels_stay_unchanged(sats, starts_chips):
 
 
 def test_the_autocorrelation_at_the_other_signal_is_removed():
-    before, now = rows_of(0.0, 3.0, 40.0)
+    before, now = make_rows(0.0, 3.0, 40.0)
     other = before[0][2:, :, k.OUT_TAPS :], now[0][2:, :, k.OUT_TAPS :]
     for taps in other:
         taps[:] = 0.0

@@ -22,7 +22,7 @@ SETTLED_S = 2.6
 
 
 def follow_signal(sats, motion, cn0_dbhz, *, duration_s, front_end=FRONT_END, noise=True, beside_hz=2.0, **settings):
-    """Receiver and final state of channels started by hand beside their signals, and the rows of each satellite."""
+    """Track signals from a start beside them; return the receiver, its state, and the rows of each satellite."""
     rendering = make_ideal_signals(sats, motion, cn0_dbhz, front_end, duration_s=duration_s, seed=11)
     wanted = replace(ReceiverSettings(), sats=(), near_search_s=1e9, **settings)
     receiver, state = Receiver(front_end.rate_hz, 0.0, wanted), ReceiverState()
@@ -51,8 +51,8 @@ def follow_signal(sats, motion, cn0_dbhz, *, duration_s, front_end=FRONT_END, no
     return rows, state
 
 
-def errors_of(rows, motion, column):
-    """Code (m), carrier (cycles, modulo a half) and Doppler (Hz), measured minus true; (3, n)."""
+def find_errors(rows, motion, column):
+    """Subtract the truth from code (m), carrier (cycles, modulo a half) and Doppler (Hz); (3, n)."""
     t, table = rows
     late_s = t - motion.code_delay_s(t)[:, column] - table[:, m.PERIODS] * 1e-3 - table[:, m.FRACTION_S]
     late_s -= 1e-3 * np.rint(late_s / 1e-3)
@@ -61,7 +61,7 @@ def errors_of(rows, motion, column):
     return np.stack([SPEED_OF_LIGHT_M_S * late_s, cycles - 0.5 * np.rint(2.0 * cycles), beside_hz])
 
 
-def one(doppler_hz=1234.5, **motion):
+def make_one(doppler_hz=1234.5, **motion):
     return SignalDelays(delay_s=np.array([0.0712345]), doppler_hz=np.array([doppler_hz]), **motion)
 
 
@@ -74,20 +74,20 @@ def test_without_noise_there_is_no_bias(rate_hz, spacing_chips, bound_m, doppler
     # Codes that stand still against the samples, the worst case, and codes that run.
     # 2 cm are met but for narrow taps at 2.6 Msps, where the replica's eight bits are rounded.
     front_end = FRONT_END.model_copy(update={"rate_hz": rate_hz, "bandwidth_hz": 0.8 * rate_hz})
-    motion = one(doppler_hz)
+    motion = make_one(doppler_hz)
     rows, _ = follow_signal(
         ["G05"], motion, 45.0, duration_s=3.7, front_end=front_end, noise=False, early_late_chips=spacing_chips
     )
-    code_m, carrier_cyc, beside_hz = errors_of(rows["G05"], motion, 0).mean(axis=1)
+    code_m, carrier_cyc, beside_hz = find_errors(rows["G05"], motion, 0).mean(axis=1)
     assert abs(code_m) < bound_m
     assert abs(carrier_cyc) < 1e-4
     assert abs(beside_hz) < 1e-3
 
 
 def test_at_two_g_the_carrier_has_no_bias():
-    motion = one(3000.0, accelerations=((2.0, 19.6),))
+    motion = make_one(3000.0, accelerations=((2.0, 19.6),))
     rows, _ = follow_signal(["G05"], motion, 45.0, duration_s=4.2, noise=False)
-    code_m, carrier_cyc, beside_hz = errors_of(rows["G05"], motion, 0).mean(axis=1)
+    code_m, carrier_cyc, beside_hz = find_errors(rows["G05"], motion, 0).mean(axis=1)
     assert abs(code_m) < 0.05
     assert abs(carrier_cyc) < 3e-4
     assert abs(beside_hz) < 0.01
@@ -100,7 +100,7 @@ def test_spreads_are_those_of_theory(cn0_dbhz):
     rng = np.random.default_rng(2)
     motion = SignalDelays(delay_s=rng.uniform(0.065, 0.08, 8), doppler_hz=rng.uniform(-4e3, 4e3, 8))
     rows, _ = follow_signal(sats, motion, cn0_dbhz, duration_s=9.0)
-    errors = np.concatenate([errors_of(rows[sat], motion, i) for i, sat in enumerate(sats)], axis=1)
+    errors = np.concatenate([find_errors(rows[sat], motion, i) for i, sat in enumerate(sats)], axis=1)
     stated = np.concatenate([rows[sat][1] for sat in sats])
     energy = 10.0 ** (0.1 * cn0_dbhz) * 0.2
     theory = (
@@ -137,7 +137,7 @@ def test_weak_signals_are_pulled_in_and_do_not_slip(cn0_dbhz):
 @pytest.mark.long
 @pytest.mark.parametrize("cn0_dbhz", [33.0, 35.0])
 def test_a_minute_of_a_weak_signal_has_no_slip_and_none_is_said(cn0_dbhz):
-    motion = one()
+    motion = make_one()
     rows, _ = follow_signal(["G05"], motion, cn0_dbhz, duration_s=62.6)
     t, table = rows["G05"]
     cycles = table[:, m.CARRIER_CYC] - motion.carrier_delay_s(t)[:, 0] * GPS_L1_CA.carrier_hz

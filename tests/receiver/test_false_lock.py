@@ -16,8 +16,8 @@ PERIOD_S = GPS_L1_CA.period_s
 ROW_BITS = 10
 
 
-def prompts_of_signals(off_hz, cn0_dbhz, n_bits, rng, n_signals=1, first=0):
-    """(n_signals, n) prompts of unit noise, with bits that turn over at random."""
+def draw_prompts(off_hz, cn0_dbhz, n_bits, rng, n_signals=1, first=0):
+    """Draw (n_signals, n) prompts of unit noise, with bits that turn over at random."""
     n = 20 * n_bits
     amplitude = np.sqrt(10 ** (0.1 * cn0_dbhz) * PERIOD_S)
     bits = np.repeat(rng.choice([-1.0, 1.0], (n_signals, n_bits + 1)), 20, axis=1)[:, first : first + n]
@@ -26,13 +26,13 @@ def prompts_of_signals(off_hz, cn0_dbhz, n_bits, rng, n_signals=1, first=0):
     return amplitude * bits * turn + noise
 
 
-def sums(off_hz, cn0_dbhz, n_bits, seed, n_signals=1):
-    prompts = prompts_of_signals(off_hz, cn0_dbhz, n_bits, np.random.default_rng(seed), n_signals)
+def draw_sums(off_hz, cn0_dbhz, n_bits, seed, n_signals=1):
+    prompts = draw_prompts(off_hz, cn0_dbhz, n_bits, np.random.default_rng(seed), n_signals)
     return sum_turns(prompts, np.zeros(n_signals, np.int64), np.zeros(n_signals), 20)
 
 
 def test_bits_are_taken_whole_wherever_they_begin():
-    prompts = prompts_of_signals(0.0, 60.0, 12, np.random.default_rng(1), first=7)
+    prompts = draw_prompts(0.0, 60.0, 12, np.random.default_rng(1), first=7)
     turns = sum_turns(prompts, np.array([107]), np.array([0.0]), 20)
     assert turns[0, N_BITS] == 11
     assert turns[0, 1] == pytest.approx(11 * 4 * 16 * 1000.0, rel=0.02)  # of four products of sums over four periods
@@ -44,16 +44,16 @@ def test_bits_are_taken_whole_wherever_they_begin():
 def test_a_carrier_half_way_is_called_false_at_the_stated_rate(off_hz, cn0_dbhz, probability):
     # To one of two sides: half as often. The bits' products are normal enough for Student's t.
     n = 20_000
-    says = int(is_turning(sums(off_hz, cn0_dbhz, ROW_BITS, 7, n), probability).sum())
+    says = int(is_turning(draw_sums(off_hz, cn0_dbhz, ROW_BITS, 7, n), probability).sum())
     assert 0.8 * 0.5 * probability * n < says < 1.2 * 0.5 * probability * n + 3.0 * np.sqrt(0.5 * probability * n)
 
 
 def test_rows_on_true_locks_pass_and_on_false_ones_do_not():
     n = 20_000
-    assert np.mean(is_turning(sums(0.0, 25.0, ROW_BITS, 11, n), FALSE_TURNING)) < 1e-3
+    assert np.mean(is_turning(draw_sums(0.0, 25.0, ROW_BITS, 11, n), FALSE_TURNING)) < 1e-3
     for half_cycles, seen_dbhz in ((1, 25.0), (-1, 27.0), (3, 25.0)):
         lost_db = -20.0 * np.log10(np.abs(np.sinc(25.0 * half_cycles * BIT_S)))
-        turning = is_turning(sums(25.0 * half_cycles, seen_dbhz + lost_db, ROW_BITS, 12, n), FALSE_TURNING)
+        turning = is_turning(draw_sums(25.0 * half_cycles, seen_dbhz + lost_db, ROW_BITS, 12, n), FALSE_TURNING)
         assert np.mean(turning) > 0.85
 
 
@@ -62,16 +62,16 @@ def test_a_false_lock_of_a_signal_that_would_be_measured_is_seen(half_cycles):
     off_hz = 25.0 * half_cycles
     n = 2000
     lost_db = -20.0 * np.log10(np.abs(np.sinc(off_hz * BIT_S))) if half_cycles % 2 else 14.0
-    turns = sums(off_hz, 25.0 + max(lost_db, 3.9), 50, 3, n)
+    turns = draw_sums(off_hz, 25.0 + max(lost_db, 3.9), 50, 3, n)
     assert np.mean(false_lock_hz(turns, BIT_S) == off_hz) > 0.995
 
 
 def test_noise_alone_moves_no_carrier():
-    assert not false_lock_hz(sums(0.0, -40.0, 50, 5, 4000), BIT_S).any()
+    assert not false_lock_hz(draw_sums(0.0, -40.0, 50, 5, 4000), BIT_S).any()
 
 
 def test_few_bits_say_nothing():
-    assert not is_turning(sums(25.0, 50.0, 4, 2), FALSE_TURNING).any()
+    assert not is_turning(draw_sums(25.0, 50.0, 4, 2), FALSE_TURNING).any()
     loops = np.zeros((0, k.N_STATE))
     blocks = ((np.zeros((0, 110, 12)), np.zeros(0, np.int64)),) * 2
     turning, _, _ = leave_false_locks(loops, np.zeros((0, 6)), blocks, np.zeros(0, np.bool_), GPS_L1_CA)
@@ -79,8 +79,8 @@ def test_few_bits_say_nothing():
 
 
 @pytest.fixture(scope="module")
-def lock_loops(clean):
-    """A receiver whose loops sum over a bit, after 4 s: bits are known."""
+def locked(clean):
+    """Return a receiver after 4 s, whose loops sum over a bit since bits are known."""
     settings = tracking.ReceiverSettings(weak_dbhz=60.0)
     receiver = tracking.Receiver(clean.samples.rate_hz, clean.samples.if_hz, settings)
     edge = int(4.0 * clean.samples.rate_hz)
@@ -90,8 +90,8 @@ def lock_loops(clean):
 
 
 @pytest.mark.parametrize("off_hz", [25.0, -75.0])
-def test_a_false_lock_moves_to_its_carrier_unmeasured(clean, lock_loops, off_hz, monkeypatch):
-    receiver, state, edge = lock_loops
+def test_a_false_lock_moves_to_its_carrier_unmeasured(clean, locked, off_hz, monkeypatch):
+    receiver, state, edge = locked
     true_hz = state.loops[0, k.PLL_VELOCITY]
     loops = state.loops.copy()
     loops[0, [k.PLL_VELOCITY, k.FREQUENCY]] += off_hz

@@ -84,10 +84,10 @@ PULLED_S, GAP_S = 4.0, 5.53
 
 @pytest.fixture(scope="module")
 def overlapping():
-    """False signals a little stronger lie on the true ones from 3 s on, in phase, and are drawn off from 4 s on."""
+    """Render false signals on the true ones from 3 s on, in phase and a little stronger, dragged off at 4 s."""
     takeover = Takeover(
         target="rx",
-        transmit=Place_of(PLACE),
+        transmit=place_site(PLACE),
         onset_s=3.0,
         power_db=0.9,
         phase="aligned",
@@ -106,7 +106,7 @@ def overlapping():
     return Rendered(scenario)
 
 
-def Place_of(site):
+def place_site(site):
     return site.model_copy(update={"lat_deg": site.lat_deg + 1e-3})
 
 

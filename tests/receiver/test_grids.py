@@ -22,7 +22,7 @@ FIRST = 37
 
 
 def filter_code(prn=PRN, points=64):
-    """One period of the code behind a low-pass of 3.2 MHz, `points` a chip, of mean square 1."""
+    """Filter one period of the code by a low-pass of 3.2 MHz, `points` a chip, to mean square 1."""
     line = np.fft.rfftfreq(1023 * points, 1.0 / points)
     chips = np.fft.rfft(np.repeat(generate_ca_code(prn).astype(float), points))
     falling = np.clip((np.abs(line) * CA_CHIP_RATE_HZ / 1.6e6 - 0.75) / 0.5, 0.0, 1.0)
@@ -33,8 +33,8 @@ def filter_code(prn=PRN, points=64):
 CODE = filter_code()
 
 
-def samples_of(late_chips, doppler_hz, amplitude, rng, *, bits=True, noise=1.0, seconds=0.1):
-    """Samples with signals (n,) that start `late_chips` after sample `FIRST`, at one carrier, with one message."""
+def draw_samples(late_chips, doppler_hz, amplitude, rng, *, bits=True, noise=1.0, seconds=0.1):
+    """Draw samples with signals (n,) that start `late_chips` after sample `FIRST`, at one carrier, with one message."""
     n = int(seconds * RATE_HZ) + 5000
     t = (np.arange(n) - FIRST) / RATE_HZ
     wave = np.zeros(n, complex)
@@ -50,8 +50,8 @@ def samples_of(late_chips, doppler_hz, amplitude, rng, *, bits=True, noise=1.0, 
     return np.stack([wave.real, wave.imag]).astype(np.float32)
 
 
-def rows_of(doppler_hz, *, count=100, wander_chips=0.0, rng=None):
-    """What the loops would have written of code periods that begin at sample `FIRST`."""
+def make_rows(doppler_hz, *, count=100, wander_chips=0.0, rng=None):
+    """Make the rows that loops would have written of code periods that begin at sample `FIRST`."""
     rows = np.zeros((1, count + 4, k.row_size(3, 1)))
     per_sample = CA_CHIP_RATE_HZ * (1.0 + doppler_hz / L1_HZ) / RATE_HZ
     for r in range(count):
@@ -77,8 +77,8 @@ def take_grids(samples, rows, asked=ASKED, bit_start=0.0):
 def test_a_signal_has_the_shape_of_its_band_at_its_delay():
     rng = np.random.default_rng(1)
     late, doppler_hz = 0.21, 1234.0
-    samples = samples_of(late, doppler_hz, 3.0, rng, noise=0.0)
-    rows = rows_of(doppler_hz, wander_chips=0.02, rng=rng)
+    samples = draw_samples(late, doppler_hz, 3.0, rng, noise=0.0)
+    rows = make_rows(doppler_hz, wander_chips=0.02, rng=rng)
     grids, correlator = take_grids(samples, rows)
     assert len(grids) == 4
     per_s = CA_CHIP_RATE_HZ * (1.0 + doppler_hz / L1_HZ)
@@ -102,7 +102,7 @@ def test_noise_has_the_stated_variance_and_covariance():
     rng = np.random.default_rng(2)
     values, variances = [], []
     for _ in range(25):
-        grids, correlator = take_grids(samples_of(0.0, 0.0, 0.0, rng), rows_of(0.0))
+        grids, correlator = take_grids(draw_samples(0.0, 0.0, 0.0, rng), make_rows(0.0))
         values.append(grids.value)
         variances.append(grids.noise_variance)
     value = np.concatenate(values).astype(complex)  # (100, dopplers, delays)
@@ -121,20 +121,20 @@ def test_noise_has_the_stated_variance_and_covariance():
 def test_bits_are_taken_off_over_longer_intervals():
     rng = np.random.default_rng(3)
     asked = CcafAsked(reach_chips=1.0, every_s=0.2, soon_s=0.2, coherent_s=0.08, intervals=1)
-    samples = samples_of(0.0, -800.0, 0.3, rng)
-    long, _ = take_grids(samples, rows_of(-800.0), asked)
-    short, correlator = take_grids(samples, rows_of(-800.0))
+    samples = draw_samples(0.0, -800.0, 0.3, rng)
+    long, _ = take_grids(samples, make_rows(-800.0), asked)
+    short, correlator = take_grids(samples, make_rows(-800.0))
     middle, at = correlator.delays_chips.size // 2, long.value.shape[2] // 2
     assert np.abs(long.value[0, 0, at]) == pytest.approx(np.abs(short.value[:, 1, middle]).mean(), rel=0.05)
     assert long.noise_variance[0] == pytest.approx(short.noise_variance.mean() / 4.0, rel=0.8)
 
 
 def test_without_bits_or_with_too_few_periods_there_is_no_grid():
-    samples = samples_of(0.0, 0.0, 1.0, np.random.default_rng(4))
-    assert len(take_grids(samples, rows_of(0.0), bit_start=-1.0)[0]) == 0
-    assert len(take_grids(samples, rows_of(0.0, count=70))[0]) == 0
+    samples = draw_samples(0.0, 0.0, 1.0, np.random.default_rng(4))
+    assert len(take_grids(samples, make_rows(0.0), bit_start=-1.0)[0]) == 0
+    assert len(take_grids(samples, make_rows(0.0, count=70))[0]) == 0
     # Bits that begin later leave room for the whole of it.
-    assert len(take_grids(samples, rows_of(0.0), bit_start=19.0)[0]) == 4
+    assert len(take_grids(samples, make_rows(0.0), bit_start=19.0)[0]) == 4
 
 
 @pytest.mark.parametrize("prn", [1, 7, 32])

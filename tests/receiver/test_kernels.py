@@ -25,7 +25,7 @@ def correlate_numpy(planes, begin, n, chip, code_rate_hz, phase_cyc, frequency_h
 
 
 def smooth_code(chips, taps_chips):
-    """The code behind the replica's low-pass, times its scale, from its line spectrum: (n_chips, n_taps)."""
+    """Filter the code by the replica's low-pass times its scale, from its line spectrum: (n_chips, n_taps)."""
     line = np.arange(-1300, 1301)  # kilohertz: the low-pass ends at half the rate
     spectrum = np.fft.fft(CODE)[line % 1023] / 1023.0 * np.sinc(line / 1023.0) * np.exp(-1j * np.pi * line / 1023.0)
     spectrum *= low_pass_gain(line * 1e3 / RATE_HZ)
@@ -33,8 +33,8 @@ def smooth_code(chips, taps_chips):
     return CODE_SCALE * np.real(np.exp(2j * np.pi * np.outer(chips / 1023.0, line)) @ shifted)
 
 
-def signal(n, *, delay_chips, doppler_hz, phase_cyc=0.2, amplitude=1.0):
-    """A noiseless signal, I and Q in float32."""
+def draw_signal(n, *, delay_chips, doppler_hz, phase_cyc=0.2, amplitude=1.0):
+    """Draw a noiseless signal, I and Q in float32."""
     index = np.arange(n)
     chips = index * 1.023e6 * (1.0 + doppler_hz / 1575.42e6) / RATE_HZ - delay_chips
     wave = (
@@ -76,8 +76,8 @@ def run(planes, state, taps_chips, *, first_sample=0, look_samples=np.inf, look_
     return out[0, : counts[0]]
 
 
-def taps(rows):
-    """Complex correlators, (n, n_taps)."""
+def list_taps(rows):
+    """Return complex correlators, (n, n_taps)."""
     return rows[:, k.OUT_TAPS :: 2] + 1j * rows[:, k.OUT_TAPS + 1 :: 2]
 
 
@@ -103,7 +103,7 @@ def state_for(*, delay_chips, doppler_hz, phase_cyc=0.2, pll=0.0, dll=0.0):
 def test_the_kernel_equals_its_numpy_twin(doppler_hz, taps):
     rng = np.random.default_rng(1)
     taps_chips = np.array(taps)
-    planes = signal(8000, delay_chips=300.3, doppler_hz=doppler_hz) + rng.normal(size=(2, 8000)).astype(np.float32)
+    planes = draw_signal(8000, delay_chips=300.3, doppler_hz=doppler_hz) + rng.normal(size=(2, 8000)).astype(np.float32)
     rows = run(planes, state_for(delay_chips=300.3, doppler_hz=doppler_hz), taps_chips)
     assert len(rows) == 2
     for row in rows:
@@ -126,27 +126,27 @@ def test_the_kernel_equals_its_numpy_twin(doppler_hz, taps):
 
 def test_the_discriminator_returns_the_error_it_was_given():
     for error_chips, tolerance in ((-0.08, 0.01), (-0.03, 0.003), (0.0, 0.003), (0.02, 0.003), (0.07, 0.01)):
-        planes = signal(400_000, delay_chips=100.0, doppler_hz=1234.5)
+        planes = draw_signal(400_000, delay_chips=100.0, doppler_hz=1234.5)
         state = state_for(delay_chips=100.0 + error_chips, doppler_hz=1234.5)
         rows = run(planes, state, np.array([0.125, 0.0, -0.125]))
         # The replica is late by error_chips, so the signal is ahead by as much; the mean over all sample fractions.
-        early, prompt, late = (taps(rows[50:])[:, i] for i in range(3))
+        early, prompt, late = (list_taps(rows[50:])[:, i] for i in range(3))
         found = np.real((early - late) / prompt) / GAIN - rows[50:, k.OUT_SHIFT]
         assert np.mean(found) == pytest.approx(error_chips, abs=tolerance)  # the peak is round
 
 
 def test_a_frequency_error_is_pulled_in_and_the_phase_locked():
-    planes = signal(2_600_000, delay_chips=17.2, doppler_hz=2003.0)
+    planes = draw_signal(2_600_000, delay_chips=17.2, doppler_hz=2003.0)
     state = state_for(delay_chips=17.2, doppler_hz=1990.0, pll=15.0, dll=1.0)
     state[0, k.FLL_BANDWIDTH] = 8.0
     rows = run(planes, state, np.array([0.125, 0.0, -0.125]))
     late = rows[900:]
     assert np.abs(late[:, k.OUT_FREQUENCY] - 2003.0).max() < 0.5
-    assert np.abs(np.angle(taps(late)[:, 1] ** 2)).max() < 0.01 * 4.0 * np.pi
+    assert np.abs(np.angle(list_taps(late)[:, 1] ** 2)).max() < 0.01 * 4.0 * np.pi
 
 
 def test_sums_begin_and_end_with_the_data_bits():
-    planes = signal(300_000, delay_chips=5.0, doppler_hz=0.0)
+    planes = draw_signal(300_000, delay_chips=5.0, doppler_hz=0.0)
     state = state_for(delay_chips=5.0, doppler_hz=0.0, pll=15.0, dll=1.0)
     state[0, k.BIT_START], state[0, k.INTEGRATION] = 7.0, 20.0
     rows = run(planes, state, np.array([0.125, 0.0, -0.125]))
@@ -158,7 +158,7 @@ def test_sums_begin_and_end_with_the_data_bits():
 
 def test_two_calls_give_what_one_gives():
     rng = np.random.default_rng(2)
-    planes = signal(60_000, delay_chips=5.0, doppler_hz=-800.0) + rng.normal(size=(2, 60_000)).astype(np.float32)
+    planes = draw_signal(60_000, delay_chips=5.0, doppler_hz=-800.0) + rng.normal(size=(2, 60_000)).astype(np.float32)
     taps = np.array([0.125, 0.0, -0.125])
     whole = run(planes, state_for(delay_chips=5.0, doppler_hz=-800.0, pll=15.0, dll=1.0), taps)
     state = state_for(delay_chips=5.0, doppler_hz=-800.0, pll=15.0, dll=1.0)
@@ -171,7 +171,7 @@ def test_two_calls_give_what_one_gives():
 
 
 def test_snapshot_taps_equal_continuous_ones_and_spare_loops():
-    planes = signal(int(0.0512 * RATE_HZ), delay_chips=5.0, doppler_hz=-800.0)
+    planes = draw_signal(int(0.0512 * RATE_HZ), delay_chips=5.0, doppler_hz=-800.0)
     delays = np.array([0.125, 0.0, -0.125, 0.5, -0.5])
     whole = run(planes, state_for(delay_chips=5.0, doppler_hz=-800.0, pll=15.0, dll=1.0), delays)
     state = state_for(delay_chips=5.0, doppler_hz=-800.0, pll=15.0, dll=1.0)

@@ -7,8 +7,8 @@ from scipy import stats
 from skyproof.receiver.lock import lock_threshold, lock_value
 
 
-def looks_at(rng, cn0_dbhz, *, prompt_s, n_prompts, n_frames, n_looks):
-    """Mean lock value of looks at prompts of a signal on the real axis, noise of variance 1 in both parts."""
+def average_lock(rng, cn0_dbhz, *, prompt_s, n_prompts, n_frames, n_looks):
+    """Average the lock value of snapshots of a signal on the real axis, noise of variance 1 in both parts."""
     amplitude = np.sqrt(2.0 * 10.0 ** (0.1 * cn0_dbhz) * prompt_s)
     in_phase = amplitude + rng.normal(size=(n_looks, n_frames, n_prompts))
     beside = rng.normal(size=(n_looks, n_frames, n_prompts))
@@ -36,7 +36,7 @@ def test_a_real_signal_gives_one_and_no_signal_gives_zero():
 def test_noise_is_held_as_often_as_stated(n_prompts, n_frames):
     rng = np.random.default_rng(n_prompts + n_frames)
     n_looks, stated = 60_000, 5e-3
-    looks = looks_at(rng, -np.inf, prompt_s=1e-3, n_prompts=n_prompts, n_frames=n_frames, n_looks=n_looks)
+    looks = average_lock(rng, -np.inf, prompt_s=1e-3, n_prompts=n_prompts, n_frames=n_frames, n_looks=n_looks)
     held = int(np.sum(looks > lock_threshold(n_prompts, n_frames, stated)))
     if n_frames == 1:  # exact
         assert stats.binomtest(held, n_looks, stated).pvalue > 1e-4
@@ -58,7 +58,7 @@ def test_a_longer_look_needs_less():
 @pytest.mark.parametrize(("prompt_s", "n_prompts"), [(5e-3, 20), (20e-3, 5)])
 def test_a_signal_of_30_dbhz_is_hardly_ever_taken_for_lost(prompt_s, n_prompts):
     rng = np.random.default_rng(7)
-    looks = looks_at(rng, 30.0, prompt_s=prompt_s, n_prompts=n_prompts, n_frames=5, n_looks=20_000)
+    looks = average_lock(rng, 30.0, prompt_s=prompt_s, n_prompts=n_prompts, n_frames=5, n_looks=20_000)
     assert np.mean(looks < lock_threshold(n_prompts, 5, 1e-4)) < 1e-3
 
 

@@ -13,13 +13,13 @@ DISCRIMINATOR = compute_discriminator(1.023e6 / RATE_HZ, 0.25)
 BIT = 20
 
 
-def no_cycles(t):
-    """No phase of the signal beside the loop's."""
+def give_zero(t):
+    """Return zeros: no phase of the signal beside the loop's."""
     return np.zeros_like(t)
 
 
-def rows_of(rng, cn0_dbhz, n_frames, *, beside_cyc=no_cycles, code_chips=0.0, offset=7, bits=True):
-    """Code periods of one channel, frame by frame: the loop stands still, the signal's phase is beside it.
+def draw_rows(rng, cn0_dbhz, n_frames, *, beside_cyc=give_zero, code_chips=0.0, offset=7, bits=True):
+    """Draw code periods of one channel, frame by frame, with the signal's phase beside a fixed loop.
 
     offset : of the bits' beginning, periods. Early and late are the line of the discriminator about the prompt.
     """
@@ -42,7 +42,7 @@ def rows_of(rng, cn0_dbhz, n_frames, *, beside_cyc=no_cycles, code_chips=0.0, of
 
 
 def build_measured(frames, cn0_dbhz, *, bit_start=7.0, withheld=()):
-    """The table, a row every two frames, of a channel whose strength is known; withheld : rows not given out."""
+    """Build the table of a channel of known strength, a row every two frames. withheld : rows not given out."""
     state = np.zeros((1, k.N_STATE))
     state[0, [k.RESIDUAL, k.CODE_MINUS_CARRIER]] = np.nan
     state[0, k.BIT_START] = bit_start
@@ -59,21 +59,21 @@ def build_measured(frames, cn0_dbhz, *, bit_start=7.0, withheld=()):
     return np.array(tables)
 
 
-def spread_over(values, sigma):
+def scale_spread(values, sigma):
     return float(np.std(values) / np.sqrt(np.mean(sigma**2)))
 
 
 @pytest.mark.parametrize("cn0_dbhz", [28.0, 35.0, 45.0])
 def test_errors_are_as_large_as_stated(cn0_dbhz):
-    table = build_measured(rows_of(np.random.default_rng(1), cn0_dbhz, 1600), cn0_dbhz)
+    table = build_measured(draw_rows(np.random.default_rng(1), cn0_dbhz, 1600), cn0_dbhz)
     for value, sigma in ((m.CARRIER_CYC, m.CARRIER_SIGMA_CYC), (m.DOPPLER_HZ, m.DOPPLER_SIGMA_HZ)):
-        assert 0.92 < spread_over(table[:, value], table[:, sigma]) < 1.12
+        assert 0.92 < scale_spread(table[:, value], table[:, sigma]) < 1.12
     code_s = table[:, m.PERIODS] * 1e-3 + table[:, m.FRACTION_S] - 0.1 * np.arange(1, 1600, 2)
-    assert 0.92 < spread_over(code_s, table[:, m.CODE_SIGMA_S]) < 1.12
+    assert 0.92 < scale_spread(code_s, table[:, m.CODE_SIGMA_S]) < 1.12
 
 
 def test_sigmas_are_the_bounds_of_theory():
-    table = build_measured(rows_of(np.random.default_rng(2), 45.0, 200), 45.0)
+    table = build_measured(draw_rows(np.random.default_rng(2), 45.0, 200), 45.0)
     energy = 10**4.5 * 0.2
     assert np.median(table[:, m.CARRIER_SIGMA_CYC]) == pytest.approx(np.sqrt(9 / 8 / energy) / 2 / np.pi, rel=0.03)
     assert np.median(table[:, m.DOPPLER_SIGMA_HZ]) == pytest.approx(np.sqrt(6 / energy) / 2 / np.pi / 0.2, rel=0.03)
@@ -83,13 +83,13 @@ def test_sigmas_are_the_bounds_of_theory():
 
 @pytest.mark.parametrize("cn0_dbhz", [25.0, 30.0, 40.0, 55.0])
 def test_the_strength_reported_has_no_bias(cn0_dbhz):
-    table = build_measured(rows_of(np.random.default_rng(3), cn0_dbhz, 2000), cn0_dbhz)
+    table = build_measured(draw_rows(np.random.default_rng(3), cn0_dbhz, 2000), cn0_dbhz)
     mean_dbhz = 10.0 * np.log10(np.mean(10.0 ** (0.1 * table[:, m.CN0_DBHZ])))
     assert abs(mean_dbhz - cn0_dbhz) < 0.1
 
 
 def test_an_error_of_the_loops_code_is_measured_away():
-    table = build_measured(rows_of(np.random.default_rng(4), 80.0, 20, code_chips=0.05), 80.0)
+    table = build_measured(draw_rows(np.random.default_rng(4), 80.0, 20, code_chips=0.05), 80.0)
     late_s = 0.1 * np.arange(1, 20, 2) - table[:, m.PERIODS] * 1e-3 - table[:, m.FRACTION_S]
     np.testing.assert_allclose(late_s, -0.05 / 1.023e6, atol=1e-3 / 1.023e6)
 
@@ -101,7 +101,7 @@ def test_an_accelerating_phase_biases_neither_phase_nor_rate():
     def beside_cyc(t):
         return 0.5 * rate_hz_s * (t % 0.2 - 0.1) ** 2  # each block its own, without steps
 
-    table = build_measured(rows_of(np.random.default_rng(5), 70.0, 40, beside_cyc=beside_cyc), 70.0)
+    table = build_measured(draw_rows(np.random.default_rng(5), 70.0, 40, beside_cyc=beside_cyc), 70.0)
     carrier_cyc = table[:, m.CARRIER_CYC] - 0.5 * np.rint(2.0 * table[:, m.CARRIER_CYC])
     assert abs(np.mean(carrier_cyc)) < 2e-4
     assert np.abs(table[:, m.DOPPLER_HZ]).max() < 0.02
@@ -113,7 +113,7 @@ def test_a_held_phase_never_slips_nor_is_said_to(cn0_dbhz, bits_known):
     # Ten minutes and all places of bits in a block: its first and last group may be a single period.
     offsets = range(1, BIT, 3)
     for offset in offsets:
-        frames = rows_of(np.random.default_rng(offset), cn0_dbhz, 6000 // len(offsets), offset=offset)
+        frames = draw_rows(np.random.default_rng(offset), cn0_dbhz, 6000 // len(offsets), offset=offset)
         table = build_measured(frames, cn0_dbhz, bit_start=offset if bits_known else -1.0)
         assert np.abs(np.diff(table[:, m.CARRIER_CYC])).max() < 0.3
         assert not table[:, m.SLIP].any()
@@ -129,7 +129,7 @@ def test_a_slip_of_the_loop_is_repaired_and_reported(slipped_cyc, takes_s, cn0_d
     def beside_cyc(t):
         return slipped_cyc * np.clip((t - 4.05) / takes_s, 0.0, 1.0)
 
-    table = build_measured(rows_of(np.random.default_rng(6), cn0_dbhz, 100, beside_cyc=beside_cyc), cn0_dbhz)
+    table = build_measured(draw_rows(np.random.default_rng(6), cn0_dbhz, 100, beside_cyc=beside_cyc), cn0_dbhz)
     moved = np.mean(table[25:, m.CARRIER_CYC]) - np.mean(table[:19, m.CARRIER_CYC])
     assert moved == pytest.approx(-slipped_cyc, abs=0.02)
     slips_s = 0.1 + 0.2 * np.flatnonzero(table[:, m.SLIP])
@@ -143,7 +143,7 @@ def test_a_slip_in_an_omitted_row_is_reported_in_the_next():
     def beside_cyc(t):
         return 0.5 * np.clip((t - 4.05) / 0.08, 0.0, 1.0)
 
-    frames = rows_of(np.random.default_rng(6), 45.0, 100, beside_cyc=beside_cyc)
+    frames = draw_rows(np.random.default_rng(6), 45.0, 100, beside_cyc=beside_cyc)
     assert np.flatnonzero(build_measured(frames, 45.0)[:, m.SLIP]).tolist() == [20]
     assert np.flatnonzero(build_measured(frames, 45.0, withheld=(20,))[:, m.SLIP]).tolist() == [20, 21]
 
@@ -156,7 +156,7 @@ def test_a_jump_that_may_be_either_is_said(jump_cyc):
         settled = 0.5 if jump_cyc > 0.25 else 0.0
         return np.where(t > 4.067, settled + (jump_cyc - settled) * np.exp(-np.maximum(t - 4.067, 0.0) / 0.03), 0.0)
 
-    table = build_measured(rows_of(np.random.default_rng(8), 40.0, 100, beside_cyc=beside_cyc), 40.0)
+    table = build_measured(draw_rows(np.random.default_rng(8), 40.0, 100, beside_cyc=beside_cyc), 40.0)
     assert np.flatnonzero(table[:, m.SLIP]).tolist() == [20]
     assert table[20, m.JUMP] > 6.0
     assert np.delete(table[:, m.JUMP], 20).max() < 6.0
@@ -164,8 +164,8 @@ def test_a_jump_that_may_be_either_is_said(jump_cyc):
 
 def test_signals_that_fade_at_once_have_not_jumped():
     # From 42 to 24 dB-Hz within a block: what noise does then must not look like samples that are missing.
-    strong = rows_of(np.random.default_rng(9), 42.0, 20)
-    noise = rows_of(np.random.default_rng(10), -100.0, 20)
+    strong = draw_rows(np.random.default_rng(9), 42.0, 20)
+    noise = draw_rows(np.random.default_rng(10), -100.0, 20)
     faded = (strong - noise) * 10.0**-0.9 + noise
     jumps = [build_measured(np.concatenate([strong[:11], faded[11:]]), 42.0)[5:, m.JUMP]]
     assert np.max(jumps) < 6.0

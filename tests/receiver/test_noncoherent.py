@@ -15,8 +15,8 @@ NOISE = 7.0
 DRAWS = 400
 
 
-def rows_of(rng, cn0_dbhz, off_hz=0.0, code_chips=0.0, n=200, first=7):
-    """Rows of the kernel: a loop that wanders, bits that turn, taps 1/8 chip off with the noise of sharp chips."""
+def draw_rows(rng, cn0_dbhz, off_hz=0.0, code_chips=0.0, n=200, first=7):
+    """Draw rows of the kernel: a loop that wanders, bits that turn, taps 1/8 chip off with sharp chips' noise."""
     rows = np.zeros((n, k.row_size(3, 1)))
     t_s = 1e-3 * np.arange(n)
     rows[:, k.OUT_START] = RATE_HZ * t_s
@@ -53,7 +53,9 @@ def show_sky(rows, probability=1e-3):
 @pytest.mark.parametrize("cn0_dbhz", [22.0, 26.0, 35.0])
 def test_code_and_doppler_scatter_as_stated_about_the_truth(cn0_dbhz):
     rng = np.random.default_rng(round(cn0_dbhz))
-    found = [measured for measured in (show_sky(rows_of(rng, cn0_dbhz)) for _ in range(DRAWS)) if measured is not None]
+    found = [
+        measured for measured in (show_sky(draw_rows(rng, cn0_dbhz)) for _ in range(DRAWS)) if measured is not None
+    ]
     assert len(found) > 0.95 * DRAWS
     for error in (
         np.array([(measured.doppler_hz - NEAR_HZ) / measured.doppler_sigma_hz for measured in found]),
@@ -67,23 +69,23 @@ def test_code_and_doppler_scatter_as_stated_about_the_truth(cn0_dbhz):
 @pytest.mark.parametrize("off_hz", [-20.0, -6.0, 6.0, 20.0])
 def test_a_carrier_is_found_within_half_a_bits_inverse(off_hz):
     rng = np.random.default_rng(3)
-    found = [show_sky(rows_of(rng, 40.0, off_hz, code_chips=0.04)) for _ in range(60)]
+    found = [show_sky(draw_rows(rng, 40.0, off_hz, code_chips=0.04)) for _ in range(60)]
     assert abs(np.mean([result.doppler_hz - NEAR_HZ for result in found]) - off_hz) < 0.5
     assert abs(np.mean([result.code_chips for result in found]) - 0.04) < 0.01
 
 
 def test_noise_alone_shows_nothing_but_as_often_as_stated():
     rng = np.random.default_rng(5)
-    passed = sum(show_sky(rows_of(rng, -50.0), 0.05) is not None for _ in range(DRAWS))
+    passed = sum(show_sky(draw_rows(rng, -50.0), 0.05) is not None for _ in range(DRAWS))
     assert binomial_survival(passed, DRAWS, 0.05) > 1e-3
     assert passed > 4
 
 
 def test_a_cut_bit_does_not_count_and_three_are_needed():
     rng = np.random.default_rng(6)
-    assert show_sky(rows_of(rng, 45.0, n=76)) is not None  # 16 periods of one, three whole ones
-    assert show_sky(rows_of(rng, 45.0, n=75)) is None
-    rows = rows_of(rng, 45.0, n=96)  # 16 of one, four whole ones
+    assert show_sky(draw_rows(rng, 45.0, n=76)) is not None  # 16 periods of one, three whole ones
+    assert show_sky(draw_rows(rng, 45.0, n=75)) is None
+    rows = draw_rows(rng, 45.0, n=96)  # 16 of one, four whole ones
     other = rows.copy()
     other[:16, k.OUT_TAPS :] = 1e3
     assert show_sky(other).doppler_hz == pytest.approx(show_sky(rows).doppler_hz)

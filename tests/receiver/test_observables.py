@@ -15,7 +15,7 @@ from skyproof.records import AntennaArray, SignalId
 
 
 def take_grids(receiver, output):
-    """All correlators over the first three seconds."""
+    """Take all correlators over the first three seconds."""
     return assemble_taps(
         "rx",
         output.measurements,
@@ -66,7 +66,7 @@ def test_taps_of_looks_stand_at_their_times_and_show_the_same(clean):
     np.testing.assert_allclose(shapes[1], shapes[0], atol=0.1)
 
 
-def arc(copy: str, crs: float) -> Arc:
+def make_arc(copy: str, crs: float) -> Arc:
     fields = {"iode": 17.0, "crs": crs, "toe": 7200.0}
     subframe = Subframe(id=2, tow_s=6, inverted=False, alert=False, words=(), fields=fields)
     return Arc(
@@ -82,7 +82,7 @@ def arc(copy: str, crs: float) -> Arc:
 
 
 def test_messages_of_one_satellite_are_compared():
-    true, repeated, forged = arc("a", 1.5), arc("b", 1.5), arc("b", 1.53125)
+    true, repeated, forged = make_arc("a", 1.5), make_arc("b", 1.5), make_arc("b", 1.53125)
     assert list_differing_messages({1: true, 2: repeated}) == []
     (words,) = list_differing_messages({1: true, 2: forged})
     assert "G05" in words
@@ -93,7 +93,7 @@ def test_messages_of_one_satellite_are_compared():
 
 def test_what_tells_no_time_or_does_not_last_has_no_direction():
     # A jammer's wave can be followed as a code, for moments, and comes from one direction like false signals.
-    lasting = arc("a", 0.0)
+    lasting = make_arc("a", 0.0)
     arcs = {
         0: replace(lasting, signal=SignalId("G01"), bit_synchronised=True),
         1: replace(lasting, signal=SignalId("G02"), bit_synchronised=False, tow_ms_at_period_0=None),

@@ -19,8 +19,8 @@ PER_SEARCH = 1e-4
 BENCH = Path(__file__).parents[2] / "bench"
 
 
-def bench(name: str) -> ModuleType:
-    """A module of the benches: the simulation, theory and counts behind the table."""
+def load_bench(name: str) -> ModuleType:
+    """Load a module of the benches: the simulation, theory and counts behind the table."""
     sys.path.insert(0, str(BENCH))
     try:
         return importlib.import_module(name)
@@ -28,15 +28,15 @@ def bench(name: str) -> ModuleType:
         sys.path.remove(str(BENCH))
 
 
-pairs, pulls, second_signals, waves = (bench(name) for name in ("pairs", "pulls", "second_signals", "waves"))
+pairs, pulls, second_signals, waves = (load_bench(name) for name in ("pairs", "pulls", "second_signals", "waves"))
 
 
-def cell(apart_chips, relative_db, apart_hz):
+def find_cell(apart_chips, relative_db, apart_hz):
     return waves.Cell(apart_chips=apart_chips, relative_db=relative_db, apart_hz=apart_hz)
 
 
 def predict_m(row, of):
-    """The errors that noise and the other signal explain together."""
+    """Predict the errors that noise and the other signal explain together."""
     _, sigma_m, pull_m = row.code_m[of]
     return math.hypot(sigma_m, pull_m)
 
@@ -48,7 +48,7 @@ def predict_m(row, of):
     ("apart_chips", "relative_db", "apart_hz"), [(1.5, 0.0, 2.0), (2.0, 10.0, 50.0), (4.0, -6.0, 0.0), (8.0, 6.0, 10.0)]
 )
 def test_both_signals_of_a_pair_are_followed_and_measured_right(apart_chips, relative_db, apart_hz):
-    row = pairs.row_of(cell(apart_chips, relative_db, apart_hz), 1)
+    row = pairs.row_of(find_cell(apart_chips, relative_db, apart_hz), 1)
     assert row.found == 1
     assert row.others == row.pulled == 0
     assert row.wait_s[1] < 1.5
@@ -62,9 +62,9 @@ def test_both_signals_of_a_pair_are_followed_and_measured_right(apart_chips, rel
 @pytest.mark.parametrize(("apart_hz", "least", "most"), [(0.0, 0.25, 0.65), (10.0, 0.0, 0.1)])
 def test_at_a_chip_the_weaker_one_holds_for_some_phases_only(apart_hz, least, most):
     # Sharp tops and taps close together: where the cosine of the phase between them is below the ratio of amplitudes.
-    assert least <= pulls.stays(cell(1.0, -10.0, apart_hz), True)[0] <= most
-    assert pulls.stays(cell(1.0, -10.0, apart_hz), False)[0] == 1.0
-    assert pulls.stays(cell(1.5, -10.0, apart_hz), True)[0] == 1.0
+    assert least <= pulls.stays(find_cell(1.0, -10.0, apart_hz), True)[0] <= most
+    assert pulls.stays(find_cell(1.0, -10.0, apart_hz), False)[0] == 1.0
+    assert pulls.stays(find_cell(1.5, -10.0, apart_hz), True)[0] == 1.0
 
 
 # ---------------------------------------------------------------------- one signal
@@ -87,7 +87,9 @@ def test_a_reflection_is_not_reported_as_a_signal(apart_hz):
 @pytest.mark.long
 @pytest.mark.parametrize("apart_hz", [0.0, 2.0, 10.0, 50.0])
 def test_pairs_beyond_1_5_chips_are_followed_within_errors(apart_hz):
-    rows = [pairs.row_of(cell(*case, apart_hz), 3) for case in product(APART_CLEARLY, (-10.0, -6.0, 0.0, 6.0, 10.0))]
+    rows = [
+        pairs.row_of(find_cell(*case, apart_hz), 3) for case in product(APART_CLEARLY, (-10.0, -6.0, 0.0, 6.0, 10.0))
+    ]
     found = {weak: [row for row in rows if (row.cell.relative_db < -6.0) == weak] for weak in (False, True)}
     assert sum(row.found for row in found[False]) >= 0.97 * sum(row.trials for row in found[False])
     assert sum(row.found for row in found[True]) >= 0.85 * sum(row.trials for row in found[True])

@@ -38,19 +38,19 @@ class Heard:
         self.signals = {str(arc.signal) for arc in arcs.values()}
         self.names = np.array([str(arcs[number].signal) for number in self.table.arc.tolist()])
 
-    def column(self, signal, name):
-        """Epochs in tenths of a second, and one column of the table."""
+    def read_column(self, signal, name):
+        """Read epochs in tenths of a second, and one column of the table."""
         mine = self.names == signal
         return np.rint(self.table.elapsed_s[mine] * 10).astype(int), self.table.table[mine, name]
 
-    def code_s(self, signal):
-        tenths, periods = self.column(signal, m.PERIODS)
-        return tenths, periods * 1e-3 + self.column(signal, m.FRACTION_S)[1]
+    def read_code_s(self, signal):
+        tenths, periods = self.read_column(signal, m.PERIODS)
+        return tenths, periods * 1e-3 + self.read_column(signal, m.FRACTION_S)[1]
 
 
 @pytest.fixture(scope="module")
 def planes():
-    """A clean sky of the five highest satellites, two-bit samples."""
+    """Render a clean sky of the five highest satellites to two-bit samples."""
     scenario = make_clean(
         ScenePlace(lat_deg=48.1, lon_deg=11.6, height_m=500.0),
         START,
@@ -68,7 +68,7 @@ def planes():
 
 @pytest.fixture(scope="module")
 def receiver(planes):
-    """One that looks for the satellites that are there and two that are not: whole searches are tested elsewhere."""
+    """Make a receiver that searches for the satellites in view and two others; whole searches are elsewhere."""
     state, output = ReceiverState(), None
     finder = Receiver(RATE_HZ)
     output, state = finder.step(state, planes[:, : int(1.5 * RATE_HZ)])
@@ -101,7 +101,7 @@ def whole(receiver, planes):
 
 
 def assert_same(heard, whole):
-    """To the last bit: measurements, taps, and whose they are."""
+    """Check that measurements, taps, and their owners are the same to the last bit."""
     assert heard.signals == whole.signals
     np.testing.assert_array_equal(heard.names, whole.names)
     np.testing.assert_array_equal(heard.table.elapsed_s, whole.table.elapsed_s)
@@ -133,37 +133,42 @@ def test_any_block_size_gives_the_same_observables(receiver, planes, whole, bloc
 # ---------------------------------------------------------------- damage
 
 
-def differences(heard, whole, signal, tenths_from, tenths_to):
-    """Code in sigmas, carrier in cycles modulo a half less their middle, Doppler in Hz, over the epochs of both."""
-    (at, code_s), (at_whole, code_whole_s) = heard.code_s(signal), whole.code_s(signal)
+def find_differences(heard, whole, signal, tenths_from, tenths_to):
+    """Subtract over the epochs of both: code in sigmas, carrier in cycles modulo a half, Doppler in Hz.
+
+    The middle of the carriers' differences is taken off.
+    """
+    (at, code_s), (at_whole, code_whole_s) = heard.read_code_s(signal), whole.read_code_s(signal)
     _, mine, theirs = np.intersect1d(at, at_whole, return_indices=True)
     inside = (at[mine] >= tenths_from) & (at[mine] < tenths_to)
     mine, theirs = mine[inside], theirs[inside]
-    sigma_s = whole.column(signal, m.CODE_SIGMA_S)[1][theirs]
+    sigma_s = whole.read_column(signal, m.CODE_SIGMA_S)[1][theirs]
     code = (code_s[mine] - code_whole_s[theirs]) / sigma_s
-    carrier_cyc = heard.column(signal, m.CARRIER_CYC)[1][mine] - whole.column(signal, m.CARRIER_CYC)[1][theirs]
-    doppler_hz = heard.column(signal, m.DOPPLER_HZ)[1][mine] - whole.column(signal, m.DOPPLER_HZ)[1][theirs]
+    carrier_cyc = (
+        heard.read_column(signal, m.CARRIER_CYC)[1][mine] - whole.read_column(signal, m.CARRIER_CYC)[1][theirs]
+    )
+    doppler_hz = heard.read_column(signal, m.DOPPLER_HZ)[1][mine] - whole.read_column(signal, m.DOPPLER_HZ)[1][theirs]
     return code, carrier_cyc, doppler_hz
 
 
-def epochs_of(whole, signal, tenths_from, tenths_to):
-    at, _ = whole.code_s(signal)
+def list_epochs(whole, signal, tenths_from, tenths_to):
+    at, _ = whole.read_code_s(signal)
     return int(((at >= tenths_from) & (at < tenths_to)).sum())
 
 
 def assert_only_that_is_lost(heard, whole, damaged_to_s, recovery_s):
-    """Before the damage every bit is the same; after it and the recovery all is there, within the noise."""
+    """Check that every bit before the damage is the same, and that all is back after it, within the noise."""
     # The epoch at t uses samples to t + 0.1 s, and the frame that decides on it ends there.
     before, after = int((DAMAGED_S - 0.1) * 10), int(np.ceil((damaged_to_s + recovery_s) * 10))
     assert heard.signals == whole.signals
     for signal in whole.signals:
-        code, carrier_cyc, doppler_hz = differences(heard, whole, signal, 0, before + 1)
-        assert code.size == epochs_of(whole, signal, 0, before + 1)
+        code, carrier_cyc, doppler_hz = find_differences(heard, whole, signal, 0, before + 1)
+        assert code.size == list_epochs(whole, signal, 0, before + 1)
         assert not code.any()
         assert not carrier_cyc.any()
         assert not doppler_hz.any()
-        code, carrier_cyc, doppler_hz = differences(heard, whole, signal, after, 10_000)
-        assert code.size == epochs_of(whole, signal, after, 10_000) > 3
+        code, carrier_cyc, doppler_hz = find_differences(heard, whole, signal, after, 10_000)
+        assert code.size == list_epochs(whole, signal, after, 10_000) > 3
         assert np.abs(code).max() < 3.0  # the noise is that of the same samples
         assert np.abs(2.0 * carrier_cyc - np.rint(2.0 * carrier_cyc)).max() < 0.04
         assert np.ptp(carrier_cyc) < 0.02
@@ -195,7 +200,7 @@ def test_flipped_bits_for_half_a_second_cost_strength_only(receiver, planes, who
     heard = receive(receiver, damage_samples(planes, "flipped bits", 0.5, np.random.default_rng(6)))
     assert_only_that_is_lost(heard, whole, DAMAGED_S + 0.5, RECOVERY_S)
     for signal in whole.signals:
-        at, cn0_dbhz = heard.column(signal, m.CN0_DBHZ)
+        at, cn0_dbhz = heard.read_column(signal, m.CN0_DBHZ)
         # 1 - 2 * 0.2 of the amplitude is 4.4 dB; the epoch stands for 0.2 s before and 0.1 s after it or more.
         assert cn0_dbhz[at == 44] < cn0_dbhz[at == 38] - 1.0
 
@@ -210,10 +215,10 @@ def test_a_second_without_signals_costs_itself_and_the_way_back(receiver, planes
         assert arc.signal == whole.arcs[number].signal
         assert arc.tow_ms_at_period_0 == whole.arcs[number].tow_ms_at_period_0 is not None
     for signal in whole.signals:
-        at, _ = heard.code_s(signal)
+        at, _ = heard.read_code_s(signal)
         back = int(np.ceil((DAMAGED_S + 1.0 + BACK_S) * 10))
-        assert (at >= back).sum() == epochs_of(whole, signal, back, 10_000) > 0
-        code, _, doppler_hz = differences_modulo_ms(heard, whole, signal, back, 0.0)
+        assert (at >= back).sum() == list_epochs(whole, signal, back, 10_000) > 0
+        code, _, doppler_hz = find_differences_modulo_ms(heard, whole, signal, back, 0.0)
         assert np.abs(code).max() < 5.0
         assert np.abs(doppler_hz).max() < 1.0
 
@@ -221,17 +226,17 @@ def test_a_second_without_signals_costs_itself_and_the_way_back(receiver, planes
 # ---------------------------------------------------------------- missing samples
 
 
-def differences_modulo_ms(heard, whole, signal, tenths_from, missing_s):
-    """As `differences`, for a channel that counts its code periods anew, and `missing_s` later in the recording."""
-    (at, code_s), (at_whole, code_whole_s) = heard.code_s(signal), whole.code_s(signal)
+def find_differences_modulo_ms(heard, whole, signal, tenths_from, missing_s):
+    """Subtract as `find_differences` for a channel that counts its code periods again, `missing_s` later."""
+    (at, code_s), (at_whole, code_whole_s) = heard.read_code_s(signal), whole.read_code_s(signal)
     _, mine, theirs = np.intersect1d(at, at_whole, return_indices=True)
     mine, theirs = mine[at[mine] >= tenths_from], theirs[at[mine] >= tenths_from]
-    doppler_whole_hz = whole.column(signal, m.DOPPLER_HZ)[1][theirs]
+    doppler_whole_hz = whole.read_column(signal, m.DOPPLER_HZ)[1][theirs]
     expected_s = code_whole_s[theirs] + missing_s * (1.0 + doppler_whole_hz / L1_HZ)
     apart_s = code_s[mine] - expected_s
     apart_s -= 1e-3 * np.rint(apart_s * 1e3)
-    sigma_s = whole.column(signal, m.CODE_SIGMA_S)[1][theirs]
-    doppler_hz = heard.column(signal, m.DOPPLER_HZ)[1][mine] - doppler_whole_hz
+    sigma_s = whole.read_column(signal, m.CODE_SIGMA_S)[1][theirs]
+    doppler_hz = heard.read_column(signal, m.DOPPLER_HZ)[1][mine] - doppler_whole_hz
     return apart_s / sigma_s, apart_s * SPEED_OF_LIGHT_M_S, doppler_hz
 
 
@@ -249,10 +254,10 @@ def test_missing_samples_cost_the_way_back_and_no_letter(receiver, planes, whole
     assert heard.signals == whole.signals
     back = int(np.ceil((DAMAGED_S + FOUND_AGAIN_S) * 10))
     for signal in whole.signals:
-        at, _ = heard.code_s(signal)
-        expected = epochs_of(whole, signal, back, int((DURATION_S - missing / RATE_HZ) * 10))
+        at, _ = heard.read_code_s(signal)
+        expected = list_epochs(whole, signal, back, int((DURATION_S - missing / RATE_HZ) * 10))
         assert (at >= back).sum() >= expected - 1 > 0
-        code, _, doppler_hz = differences_modulo_ms(heard, whole, signal, back, missing / RATE_HZ)
+        code, _, doppler_hz = find_differences_modulo_ms(heard, whole, signal, back, missing / RATE_HZ)
         assert np.abs(code).max() < 5.0
         assert np.abs(doppler_hz).max() < 1.0
 

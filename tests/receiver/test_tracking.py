@@ -20,7 +20,7 @@ from skyproof.simulator.scenario import FrontEnd
 
 
 def receive(rendered, cuts):
-    """Measurements and arcs of a recording that comes in pieces with these edges (sample indices)."""
+    """Track a recording that comes in pieces with these edges (sample indices); return measurements and arcs."""
     receiver = Receiver(rendered.samples.rate_hz, rendered.samples.if_hz)
     state, parts, arcs = ReceiverState(), [], {}
     edges = [0, *cuts, rendered.planes.shape[1]]
@@ -31,7 +31,7 @@ def receive(rendered, cuts):
     return Measurements.join(parts), arcs
 
 
-def observations(rendered, measurements, arcs):
+def make_observations(rendered, measurements, arcs):
     week = week_and_tow(rendered.scenario.start_gpst)[0]
     first = np.isin(np.arange(len(measurements)), np.unique(measurements.arc, return_index=True)[1])
     label = receiver_time_tag(measurements.select(first), arcs, week)
@@ -61,12 +61,12 @@ def track(clean):
 
 
 @pytest.fixture(scope="session")
-def meaconed_tracked(meaconed):
-    return receive(meaconed, [])
+def meaconer_tracked(meaconer):
+    return receive(meaconer, [])
 
 
-def truth_of(rendered, o: Observations):
-    """True code delay (s), carrier delay (s) and Doppler (Hz) at every epoch, columns as in `o`."""
+def find_truth(rendered, o: Observations):
+    """Return true code delay (s), carrier delay (s) and Doppler (Hz) at every epoch, columns as in `o`."""
     sky = rendered.scene.skies[rendered.receiver]
     true_s = o.elapsed_s + sky.true_minus_elapsed_s(o.elapsed_s)
     columns = [[heard.id.sat for heard in sky.signals].index(signal.sat) for signal in o.signals]
@@ -78,9 +78,9 @@ def truth_of(rendered, o: Observations):
 @pytest.mark.parametrize(
     "cuts", [[1_300_000], [1, 260_000, 260_001, 3_333_333], list(range(100_003, 15_000_000, 999_983))]
 )
-def test_pieces_give_what_the_whole_gives(meaconed, meaconed_tracked, cuts):
-    whole, whole_arcs = meaconed_tracked
-    pieces, arcs = receive(meaconed, [c for c in cuts if c < meaconed.planes.shape[1]])
+def test_pieces_give_what_the_whole_gives(meaconer, meaconer_tracked, cuts):
+    whole, whole_arcs = meaconer_tracked
+    pieces, arcs = receive(meaconer, [c for c in cuts if c < meaconer.planes.shape[1]])
     assert len(whole_arcs) > 10
     assert arcs.keys() == whole_arcs.keys()
     for name in ("elapsed_s", "arc", "table", "taps"):
@@ -98,7 +98,7 @@ def test_a_late_front_end_costs_a_second_and_not_the_recording(clean):
 
 
 def test_every_satellite_has_one_signal_and_a_time(clean, track):
-    o = observations(clean, *track)
+    o = make_observations(clean, *track)
     in_sky = sorted(heard.id.sat for heard in clean.scene.skies[0].signals)
     assert [signal.sat for signal in o.signals] == in_sky
     assert {signal.copy for signal in o.signals} == {"a"}
@@ -120,8 +120,8 @@ def test_the_time_of_week_is_exact_to_the_millisecond(clean, track):
 
 
 def test_pseudorange_noise_is_white_unbiased_and_as_stated(clean, track):
-    o = observations(clean, *track)
-    _, code_s, _, _ = truth_of(clean, o)
+    o = make_observations(clean, *track)
+    _, code_s, _, _ = find_truth(clean, o)
     error_m = o.pseudorange_m - SPEED_OF_LIGHT_M_S * code_s
     error_m -= np.median(error_m, axis=1, keepdims=True)  # the receiver's clock
     error_m = error_m[5:]
@@ -133,8 +133,8 @@ def test_pseudorange_noise_is_white_unbiased_and_as_stated(clean, track):
 
 
 def test_carrier_and_doppler_agree_with_the_truth(clean, track):
-    o = observations(clean, *track)
-    _, _, carrier_s, doppler_hz = truth_of(clean, o)
+    o = make_observations(clean, *track)
+    _, _, carrier_s, doppler_hz = find_truth(clean, o)
     o_rows = slice(8, None)
     sky = clean.scene.skies[0]
     clock_s = -sky.true_minus_elapsed_s(o.elapsed_s)[:, None]
@@ -146,10 +146,10 @@ def test_carrier_and_doppler_agree_with_the_truth(clean, track):
     assert np.abs((o.doppler_hz - doppler_hz)[o_rows]).max() < 0.5
 
 
-def test_copies_appear_with_the_meaconer_and_bracket_its_onset(meaconed, meaconed_tracked):
-    _, arcs = meaconed_tracked
+def test_copies_appear_with_the_meaconer_and_bracket_its_onset(meaconer, meaconer_tracked):
+    _, arcs = meaconer_tracked
     late = [arc for arc in arcs.values() if arc.signal.copy == "b"]
-    assert len(late) == len(meaconed.scene.skies[0].signals) // 2
+    assert len(late) == len(meaconer.scene.skies[0].signals) // 2
     for arc in late:
         assert arc.missed_s <= 2.0 + 0.1
         assert arc.found_s >= 2.0 - 0.1
@@ -181,19 +181,19 @@ def wrap_cycles(cycles):
 
 @pytest.fixture(scope="module")
 def pair():
-    """Two receivers 60 m apart, from two seconds before a subframe on."""
+    """Render two receivers 60 m apart, from two seconds before a subframe on."""
     front_end = FrontEnd(rate_hz=2_600_000, encoding="sign-magnitude", bits=2)
     scenario = scenes.make_clean(PLACE, START, duration_s=4.2, receivers=2, mask_deg=25.0, front_end=front_end, seed=3)
     return [Rendered(scenario, receiver) for receiver in (0, 1)]
 
 
-def carrier_errors_cyc(rendered, o):
-    return o.carrier_cyc - 1575.42e6 * truth_of(rendered, o)[2]
+def find_carrier_errors_cyc(rendered, o):
+    return o.carrier_cyc - 1575.42e6 * find_truth(rendered, o)[2]
 
 
 def test_double_differences_are_whole_cycles_off_the_truth(pair):
-    received = [observations(rendered, *receive(rendered, [])) for rendered in pair]
-    a, b = (carrier_errors_cyc(rendered, o) for rendered, o in zip(pair, received, strict=True))
+    received = [make_observations(rendered, *receive(rendered, [])) for rendered in pair]
+    a, b = (find_carrier_errors_cyc(rendered, o) for rendered, o in zip(pair, received, strict=True))
     assert [o.signals for o in received] == [received[0].signals] * 2
     assert len(received[0].signals) > 4
     double = (a - b)[8:] - (a - b)[8:, :1]
@@ -208,9 +208,9 @@ def test_a_half_cycle_turn_is_a_slip_and_right_on_both_sides(clean, track):
     turned.__dict__ |= clean.__dict__
     turned.planes = clean.planes[:, : int(10.1 * 2.6e6)].copy()
     turned.planes[:, int(6.53 * 2.6e6) :] *= -1.0
-    o = observations(turned, *receive(turned, []))
+    o = make_observations(turned, *receive(turned, []))
     before, after = o.elapsed_s < 6.5, o.elapsed_s > 6.6
-    moved = o.carrier_cyc - observations(clean, *track).carrier_cyc[: o.elapsed_s.size]
+    moved = o.carrier_cyc - make_observations(clean, *track).carrier_cyc[: o.elapsed_s.size]
     good = np.isfinite(moved) & ~o.half_cycle_open
     np.testing.assert_allclose(wrap_cycles(moved[before][good[before]]), 0.0, atol=0.01)
     np.testing.assert_allclose(np.abs(wrap_cycles(moved[after][good[after]])), 0.5, atol=0.01)

@@ -17,7 +17,7 @@ RATE_HZ = 4e6
 LINE_HZ = 212_345.6
 
 
-def recording(planes, *, if_hz=0.0, rate_hz=RATE_HZ) -> Samples:
+def make_recording(planes, *, if_hz=0.0, rate_hz=RATE_HZ) -> Samples:
     planes = np.asarray(planes, np.float32)
     return Samples(
         name="x",
@@ -28,45 +28,45 @@ def recording(planes, *, if_hz=0.0, rate_hz=RATE_HZ) -> Samples:
     )
 
 
-def noise(n, seed=0):
+def draw_noise(n, seed=0):
     return np.random.default_rng(seed).standard_normal((2, n)).astype(np.float32)
 
 
-def wave(n, frequency_hz, power_over_n0_dbhz, rate_hz=RATE_HZ):
-    """A line over noise of variance 1 in I and in Q."""
+def draw_line(n, frequency_hz, power_over_n0_dbhz, rate_hz=RATE_HZ):
+    """Draw a line over noise of variance 1 in I and in Q."""
     amplitude = np.sqrt(2.0 * 10.0 ** (power_over_n0_dbhz / 10.0) / rate_hz)
     turn = amplitude * np.exp(2j * np.pi * np.mod(frequency_hz / rate_hz * np.arange(n), 1.0))
     return np.stack([turn.real, turn.imag]).astype(np.float32)
 
 
-def replica(prn, n, *, delay_chips=0.0, doppler_hz=0.0, rate_hz=RATE_HZ):
+def make_replica(prn, n, *, delay_chips=0.0, doppler_hz=0.0, rate_hz=RATE_HZ):
     time_s = np.arange(n) / rate_hz
     chips = generate_ca_code(prn)[np.floor(time_s * 1.023e6 - delay_chips).astype(int) % 1023]
     return chips * np.exp(2j * np.pi * np.mod(doppler_hz * time_s, 1.0))
 
 
-def cn0_dbhz(planes, prn=7, doppler_hz=1234.0):
-    """C/N0 of an unmodulated signal at delay zero; the noise is that of other codes, Dopplers and delays."""
+def measure_cn0_dbhz(planes, prn=7, doppler_hz=1234.0):
+    """Measure C/N0 of an unmodulated signal at delay zero, over the noise of other codes, Dopplers and delays."""
     base = (planes[0] + 1j * planes[1]).astype(np.complex128)
     n = base.size
-    carrier = abs(np.mean(base * np.conj(replica(prn, n, doppler_hz=doppler_hz)))) ** 2
+    carrier = abs(np.mean(base * np.conj(make_replica(prn, n, doppler_hz=doppler_hz)))) ** 2
     rest = []
     for other in range(1, 33, 2):
-        product = base * np.conj(replica(other, n, delay_chips=31.0 * other, doppler_hz=311.0 * other - 5000.0))
+        product = base * np.conj(make_replica(other, n, delay_chips=31.0 * other, doppler_hz=311.0 * other - 5000.0))
         rest.append(np.mean(np.abs(product.reshape(-1, 4000).mean(axis=1)) ** 2))
     return 10.0 * np.log10(carrier / (np.mean(rest) * 1e-3))
 
 
-def sky(n, dbhz=45.0):
-    base = replica(7, n, doppler_hz=1234.0) * np.sqrt(2.0 * 10.0 ** (dbhz / 10.0) / RATE_HZ)
-    return noise(n) + np.stack([base.real, base.imag]).astype(np.float32)
+def draw_sky(n, dbhz=45.0):
+    base = make_replica(7, n, doppler_hz=1234.0) * np.sqrt(2.0 * 10.0 ** (dbhz / 10.0) / RATE_HZ)
+    return draw_noise(n) + np.stack([base.real, base.imag]).astype(np.float32)
 
 
 # Nothing to do
 
 
 def test_a_clean_front_end_is_left_alone_and_costs_nothing():
-    samples = recording(sky(400_000))
+    samples = make_recording(draw_sky(400_000))
     front = measure_front_end(samples)
     assert not front.acts
     assert front.remarks == ()
@@ -93,7 +93,7 @@ def test_lines_are_seen_in_noise_as_seldom_as_stated(kind):
             planes = np.copysign(np.where(np.abs(planes) > planes.std(), 3.0, 1.0), planes)
         if kind == "real":
             planes = np.stack([filters.sosfilt(band_pass, planes[0]), np.zeros(planes.shape[1])])
-        samples = recording(planes, if_hz=1e6 if kind == "real" else 0.0)
+        samples = make_recording(planes, if_hz=1e6 if kind == "real" else 0.0)
         alarms += bool(measure_front_end(samples, false_alarm_probability=wanted).lines)
     low, high = stats.binom.interval(0.998, trials, wanted)
     assert alarms <= high
@@ -106,8 +106,8 @@ def test_lines_are_seen_in_noise_as_seldom_as_stated(kind):
 @pytest.mark.parametrize("over_signal_db", [20.0, 35.0, 50.0])
 def test_a_line_costs_what_theory_says_and_is_notched(over_signal_db):
     n = 400_000
-    clean = sky(n)
-    samples = recording(clean + wave(n, LINE_HZ, 45.0 + over_signal_db))
+    clean = draw_sky(n)
+    samples = make_recording(clean + draw_line(n, LINE_HZ, 45.0 + over_signal_db))
     front = measure_front_end(samples)
     (line,) = front.notched
     assert line.frequency_hz == pytest.approx(LINE_HZ, abs=20.0)
@@ -115,15 +115,17 @@ def test_a_line_costs_what_theory_says_and_is_notched(over_signal_db):
     power_over_n0 = 10.0 ** ((45.0 + over_signal_db) / 10.0)
     theory_db = 10.0 * np.log10(1.0 + power_over_n0 * np.sinc(LINE_HZ / 1.023e6) ** 2 / 1.023e6)
     assert line.loss_db == pytest.approx(theory_db, abs=0.3)
-    undisturbed_dbhz = cn0_dbhz(clean[:, 4000:-4000])
-    assert undisturbed_dbhz - cn0_dbhz(samples.read(0, n)) == pytest.approx(theory_db, abs=1.5)  # few codes, few lines
+    undisturbed_dbhz = measure_cn0_dbhz(clean[:, 4000:-4000])
+    assert undisturbed_dbhz - measure_cn0_dbhz(samples.read(0, n)) == pytest.approx(
+        theory_db, abs=1.5
+    )  # few codes, few lines
     corrected = condition(samples, front).read(4000, n - 8000)  # at the ends a notch is not settled
-    assert undisturbed_dbhz - cn0_dbhz(corrected) < 0.15
+    assert undisturbed_dbhz - measure_cn0_dbhz(corrected) < 0.15
 
 
 def test_a_line_that_does_not_hurt_is_reported_and_left():
     n = 800_000
-    samples = recording(noise(n) + wave(n, LINE_HZ, 38.0))
+    samples = make_recording(draw_noise(n) + draw_line(n, LINE_HZ, 38.0))
     front = measure_front_end(samples)
     (line,) = front.lines
     assert line.frequency_hz == pytest.approx(LINE_HZ, abs=300.0)
@@ -134,7 +136,9 @@ def test_a_line_that_does_not_hurt_is_reported_and_left():
 
 def test_a_strong_line_outside_the_signals_band_is_left():
     n = 400_000
-    front = measure_front_end(recording(noise(n) + wave(n, 1.023e6, 60.0)))  # a null of the code's spectrum
+    front = measure_front_end(
+        make_recording(draw_noise(n) + draw_line(n, 1.023e6, 60.0))
+    )  # a null of the code's spectrum
     assert front.lines
     assert not front.notched
 
@@ -142,8 +146,8 @@ def test_a_strong_line_outside_the_signals_band_is_left():
 def test_a_line_in_real_samples_is_notched():
     n, rate_hz = 1_200_000, 12e6
     line = np.sqrt(4.0 * 10.0**7.0 / rate_hz) * np.cos(2.0 * np.pi * np.mod(3.1e6 / rate_hz * np.arange(n), 1.0))
-    still = noise(n) * [[1.0], [0.0]]
-    samples = recording(still + [line, 0.0 * line], if_hz=3e6, rate_hz=rate_hz)
+    still = draw_noise(n) * [[1.0], [0.0]]
+    samples = make_recording(still + [line, 0.0 * line], if_hz=3e6, rate_hz=rate_hz)
     front = measure_front_end(samples)
     assert front.real
     (found,) = front.notched
@@ -157,8 +161,8 @@ def test_a_line_in_real_samples_is_notched():
     assert abs(remaining) < 0.01 * np.sqrt(4.0 * 10.0**7.0 / rate_hz)
 
 
-def wide_lines(n, frequencies_hz, width_hz, power_over_n0_dbhz):
-    """Lines of noise of an rms width, as those of a jammer that sweeps are where it is there for a part of the time."""
+def draw_wide_lines(n, frequencies_hz, width_hz, power_over_n0_dbhz):
+    """Draw lines of noise of an rms width, as of a jammer that sweeps and is there for a part of the time."""
     rng, low = np.random.default_rng(5), filters.butter(2, 1.5 * width_hz / (RATE_HZ / 2.0), output="sos")
     total = np.zeros(n, complex)
     for frequency_hz in frequencies_hz:
@@ -174,15 +178,15 @@ def wide_lines(n, frequencies_hz, width_hz, power_over_n0_dbhz):
 def test_wide_lines_are_not_notched_without_neighbours(power_dbhz, width_hz, together_hz, beside):
     # Of 600 m and the strength of the true peak, in all satellites: such were taken for a second sky once.
     n = 400_000
-    lines = wide_lines(n, 100e3 * np.arange(-4, 5), width_hz, power_dbhz)
-    front = measure_front_end(recording(sky(n) + lines))
+    lines = draw_wide_lines(n, 100e3 * np.arange(-4, 5), width_hz, power_dbhz)
+    front = measure_front_end(make_recording(draw_sky(n) + lines))
     hurting = sum(line.hurts for line in front.lines)
     assert hurting >= 9
     assert len(front.notched) * front.notch_hz <= together_hz
     assert any(remark.startswith(f"{hurting - len(front.notched)} more line") for remark in front.remarks)
-    base = replica(7, n)
+    base = make_replica(7, n)
     clean = np.stack([base.real, base.imag]).astype(np.float32)
-    out = condition(recording(clean), replace(front, dc=np.zeros(2), dc_loss_db=0.0)).read(20_000, 200_000)
+    out = condition(make_recording(clean), replace(front, dc=np.zeros(2), dc_loss_db=0.0)).read(20_000, 200_000)
     received = out[0] + 1j * out[1]
     lags = np.arange(-30, 31)
     replicas = np.array([np.roll(base, lag)[20_000:220_000] for lag in lags])
@@ -194,15 +198,15 @@ def test_wide_lines_are_not_notched_without_neighbours(power_dbhz, width_hz, tog
 @pytest.mark.parametrize("prn", [1, 22])
 def test_a_notch_biases_neither_code_nor_carrier(line_hz, prn):
     n = 400_000
-    front = measure_front_end(recording(noise(n) + wave(n, line_hz, 75.0)))
+    front = measure_front_end(make_recording(draw_noise(n) + draw_line(n, line_hz, 75.0)))
     assert len(front.notched) == 1
     delay_chips, doppler_hz = 200.3, -2750.0
-    base = replica(prn, n, delay_chips=delay_chips, doppler_hz=doppler_hz)
-    corrected = condition(recording(np.stack([base.real, base.imag])), front).read(40_000, 320_000)
+    base = make_replica(prn, n, delay_chips=delay_chips, doppler_hz=doppler_hz)
+    corrected = condition(make_recording(np.stack([base.real, base.imag])), front).read(40_000, 320_000)
     corrected = (corrected[0] + 1j * corrected[1]).astype(np.complex128)
 
     def correlation(offset_chips, planes):
-        local = replica(prn, n, delay_chips=delay_chips + offset_chips, doppler_hz=doppler_hz)[40_000:360_000]
+        local = make_replica(prn, n, delay_chips=delay_chips + offset_chips, doppler_hz=doppler_hz)[40_000:360_000]
         return np.mean(planes * np.conj(local))
 
     plain = base[40_000:360_000]
@@ -223,23 +227,23 @@ def test_a_notch_biases_neither_code_nor_carrier(line_hz, prn):
 
 def test_dc_of_one_rms_is_measured_and_removed():
     n = 400_000
-    clean = sky(n)
-    samples = recording(clean + np.array([[1.0], [0.0]], np.float32))
+    clean = draw_sky(n)
+    samples = make_recording(clean + np.array([[1.0], [0.0]], np.float32))
     front = measure_front_end(samples)
     assert front.removes_dc
     assert front.dc_loss_db == pytest.approx(10.0 * np.log10(1.0 + 0.5 * RATE_HZ / 1.023e6), abs=0.1)
     corrected = condition(samples, front).read(0, n)
     assert np.abs(corrected.mean(axis=1)).max() < 0.01
-    assert cn0_dbhz(clean) - cn0_dbhz(corrected) < 0.05
+    assert measure_cn0_dbhz(clean) - measure_cn0_dbhz(corrected) < 0.05
 
 
 def test_imbalance_is_measured_and_its_image_removed():
     n = 800_000
-    clean = noise(n) + wave(n, LINE_HZ, 70.0)
+    clean = draw_noise(n) + draw_line(n, LINE_HZ, 70.0)
     gain, skew = 10.0 ** (1.0 / 20.0), np.radians(5.0)
     # Q is what lies 85 degrees from I, and weaker by 1 dB
     skewed = np.stack([gain * clean[0], np.cos(skew) * clean[1] + np.sin(skew) * clean[0]])
-    samples = recording(skewed)
+    samples = make_recording(skewed)
     front = measure_front_end(samples)
     assert front.gain_imbalance_db == pytest.approx(1.0, abs=0.05)
     assert front.phase_imbalance_deg == pytest.approx(5.0, abs=0.3)
@@ -260,8 +264,8 @@ def test_imbalance_is_measured_and_its_image_removed():
 
 def test_band_levels_and_clipping_are_reported():
     low_pass = filters.firwin(255, 0.5)  # of half the rate: -1 to 1 MHz
-    planes = filters.lfilter(low_pass, 1.0, noise(300_000), axis=1)[:, 300:]
-    front = measure_front_end(recording(np.clip(np.round(planes * 3.0), -3, 3)))
+    planes = filters.lfilter(low_pass, 1.0, draw_noise(300_000), axis=1)[:, 300:]
+    front = measure_front_end(make_recording(np.clip(np.round(planes * 3.0), -3, 3)))
     assert front.band_hz == pytest.approx((-1e6, 1e6), abs=30e3)
     assert front.noise_bandwidth_hz == pytest.approx(2e6, rel=0.1)
     assert front.levels.tolist() == [-3, -2, -1, 0, 1, 2, 3]
@@ -271,14 +275,14 @@ def test_band_levels_and_clipping_are_reported():
 
 def test_too_few_samples_are_refused():
     with pytest.raises(ValueError, match="at least 1024"):
-        measure_front_end(recording(noise(1000)))
+        measure_front_end(make_recording(draw_noise(1000)))
 
 
 # Pieces
 
 
-HURT = sky(30_000) + wave(30_000, LINE_HZ, 80.0) + wave(30_000, -150e3, 75.0) + np.float32(0.5)
-FRONT = measure_front_end(recording(HURT))
+HURT = draw_sky(30_000) + draw_line(30_000, LINE_HZ, 80.0) + draw_line(30_000, -150e3, 75.0) + np.float32(0.5)
+FRONT = measure_front_end(make_recording(HURT))
 
 
 @settings(max_examples=25, deadline=None)
@@ -305,7 +309,7 @@ def test_a_step_changes_neither_its_state_nor_its_block():
 
 @pytest.mark.parametrize(("start", "count"), [(0, 3000), (12_345, 777), (29_000, 5000), (30_000, 10)])
 def test_a_stretch_read_is_that_of_the_whole_at_its_own_time(start, count):
-    corrected = condition(recording(HURT), FRONT)
+    corrected = condition(make_recording(HURT), FRONT)
     whole = corrected.read(0, HURT.shape[1])
     assert whole.shape == HURT.shape
     np.testing.assert_allclose(corrected.read(start, count), whole[:, start : start + count], rtol=0.0, atol=1e-5)

@@ -19,8 +19,8 @@ class One:
     doppler_hz: float
 
 
-def recording(signals: list[One], cn0_dbhz: float, duration_s: float = 0.06, seed: int = 3) -> Samples:
-    """Complex samples: signals of one strength, with random phases and data bits, in noise of power one."""
+def draw_recording(signals: list[One], cn0_dbhz: float, duration_s: float = 0.06, seed: int = 3) -> Samples:
+    """Draw complex samples of signals of one strength with random phases and bits, in noise of power one."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(duration_s * RATE_HZ)) / RATE_HZ
     wave = (rng.standard_normal(t.size) + 1j * rng.standard_normal(t.size)) / np.sqrt(2.0)
@@ -42,7 +42,7 @@ def recording(signals: list[One], cn0_dbhz: float, duration_s: float = 0.06, see
 def test_each_signal_of_a_satellite_has_its_peak() -> None:
     chip_s = 1.0 / GPS_L1_CA.chip_rate_hz
     true, false = One("G05", 0.3e-3, 3200.0), One("G05", 0.3e-3 + 4.5 * chip_s, 3210.0)
-    delays, powers = compute_delay_profiles(recording([true, false], 48.0), IF_HZ, [true], -3.0, 8.0)
+    delays, powers = compute_delay_profiles(draw_recording([true, false], 48.0), IF_HZ, [true], -3.0, 8.0)
     (power,) = powers
     for at in (0.0, 4.5):
         near = np.abs(delays - at) < 1.5
@@ -53,7 +53,7 @@ def test_each_signal_of_a_satellite_has_its_peak() -> None:
 
 def test_the_stretch_may_begin_anywhere() -> None:
     one = One("G12", 0.71e-3, -2500.0)
-    samples = recording([one], 48.0)
+    samples = draw_recording([one], 48.0)
     start_s = 0.0101234
     moved = One("G12", (one.delay_s - (1.0 + one.doppler_hz / GPS_L1_CA.carrier_hz) * start_s) % 1e-3, one.doppler_hz)
     delays, powers = compute_delay_profiles(samples, IF_HZ, [moved], -2.0, 2.0, start_s=start_s, duration_s=0.02)
@@ -61,13 +61,13 @@ def test_the_stretch_may_begin_anywhere() -> None:
 
 
 def test_noise_alone_is_one() -> None:
-    _, powers = compute_delay_profiles(recording([], 0.0), IF_HZ, [One("G05", 0.3e-3, 0.0)], -10.0, 10.0)
+    _, powers = compute_delay_profiles(draw_recording([], 0.0), IF_HZ, [One("G05", 0.3e-3, 0.0)], -10.0, 10.0)
     assert powers.mean() == pytest.approx(1.0, abs=0.1)
 
 
 def test_points_are_no_more_than_asked_for() -> None:
     delays, powers = compute_delay_profiles(
-        recording([], 0.0), IF_HZ, [One("G05", 0.0, 0.0)], -10.0, 50.0, most_points=100
+        draw_recording([], 0.0), IF_HZ, [One("G05", 0.0, 0.0)], -10.0, 50.0, most_points=100
     )
     assert delays.size == powers.shape[1] <= 101
     np.testing.assert_allclose(np.diff(delays), delays[1] - delays[0])
@@ -75,7 +75,7 @@ def test_points_are_no_more_than_asked_for() -> None:
 
 def test_a_stretch_without_a_code_period_is_refused() -> None:
     with pytest.raises(ValueError, match="code period"):
-        compute_delay_profiles(recording([], 0.0, 0.002), IF_HZ, [One("G05", 0.0, 0.0)], -1.0, 1.0, start_s=0.0015)
+        compute_delay_profiles(draw_recording([], 0.0, 0.002), IF_HZ, [One("G05", 0.0, 0.0)], -1.0, 1.0, start_s=0.0015)
 
 
 def test_zeros_alone_have_no_profile() -> None:

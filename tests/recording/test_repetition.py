@@ -10,10 +10,10 @@ from skyproof.recording.repetition import find_repetition
 PRNS = (3, 7, 12, 19, 24, 31)
 
 
-def signals(
+def draw_signals(
     rate_hz: float, if_hz: float, seconds: float, *, cn0_dbhz: float = 45.0, real: bool = False, seed: int = 1
 ) -> np.ndarray:
-    """Satellites with Dopplers and data bits of their own in white noise of variance 1."""
+    """Draw satellites with Dopplers and data bits of their own in white noise of variance 1."""
     rng = np.random.default_rng(seed)
     time_s = np.arange(round(rate_hz * seconds)) / rate_hz
     wave = np.zeros(time_s.size, np.complex128)
@@ -34,7 +34,7 @@ def signals(
     [(2.048e6, 0.0, False), (4.1e6, 300e3, False), (16.3676e6, 4.1304e6, True), (5_432_100.0, -0.7e6, False)],
 )
 def test_period_and_carrier_are_found_without_a_guess(rate_hz: float, if_hz: float, real: bool) -> None:
-    found = find_repetition(signals(rate_hz, if_hz, 0.04, cn0_dbhz=50.0, real=real))
+    found = find_repetition(draw_signals(rate_hz, if_hz, 0.04, cn0_dbhz=50.0, real=real))
     assert found.log10_chance < -10.0
     assert abs(found.period_samples - rate_hz * 1e-3) < 4.0 * found.period_sigma
     assert found.period_sigma < 0.05 * rate_hz / 1.023e6
@@ -65,7 +65,7 @@ def test_lines_and_colour_do_not_repeat() -> None:
 
 
 def test_a_line_hides_no_signals() -> None:
-    wave = signals(2.6e6, 0.0, 0.05)
+    wave = draw_signals(2.6e6, 0.0, 0.05)
     line = 30.0 * np.exp(2j * np.pi * 0.1234 * np.arange(wave.size))
     found = find_repetition((wave + line).astype(np.complex64))
     assert found.log10_chance < -10.0
@@ -73,16 +73,16 @@ def test_a_line_hides_no_signals() -> None:
 
 
 def test_real_samples_read_as_complex_show_images() -> None:
-    real = signals(10e6, 1.6e6, 0.1, cn0_dbhz=50.0, real=True)
+    real = draw_signals(10e6, 1.6e6, 0.1, cn0_dbhz=50.0, real=True)
     folded = find_repetition((real[0::2] + 1j * real[1::2]).astype(np.complex64))
     assert folded.mirrored_share > 0.02
-    assert find_repetition(signals(5e6, 1.6e6, 0.1, cn0_dbhz=50.0)).mirrored_share < 0.01
+    assert find_repetition(draw_signals(5e6, 1.6e6, 0.1, cn0_dbhz=50.0)).mirrored_share < 0.01
 
 
 def test_the_error_of_the_period_is_what_its_sigma_says() -> None:
     ratios = []
     for seed in range(20):
-        found = find_repetition(signals(2.6e6, 0.0, 0.05, seed=seed))
+        found = find_repetition(draw_signals(2.6e6, 0.0, 0.05, seed=seed))
         ratios.append((found.period_samples - 2600.0) / found.period_sigma)
     assert np.abs(ratios).max() < 4.0
     assert np.std(ratios) > 0.15  # not stated many times too large either

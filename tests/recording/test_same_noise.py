@@ -19,12 +19,12 @@ N = round(N_ROWS * 1e-3 * RATE_HZ)
 CELLS = int(find_usable_hz(RATE_HZ, 0.0, real=False) * 1e-3)
 
 
-def noise(rng, n=N):
+def draw_noise(rng, n=N):
     return rng.normal(size=n) + 1j * rng.normal(size=n)
 
 
-def sky(rng, *, cn0_dbhz=45.0, sats=10, rate_hz=RATE_HZ):
-    """Signals with bits, and the same ones 0.37 us later at another antenna, 150 Hz higher: noise has variance 2."""
+def draw_sky(rng, *, cn0_dbhz=45.0, sats=10, rate_hz=RATE_HZ):
+    """Draw signals with bits at two antennas, 0.37 us later and 150 Hz higher at the other; noise variance 2."""
     n = round(N_ROWS * 1e-3 * rate_hz)
     sums = np.zeros((2, n), complex)
     for sat in range(1, sats + 1):
@@ -39,7 +39,7 @@ def sky(rng, *, cn0_dbhz=45.0, sats=10, rate_hz=RATE_HZ):
     return np.sqrt(2.0 * 10.0 ** (cn0_dbhz / 10.0) / rate_hz) * sums
 
 
-def quantised(wave, bits):
+def quantize(wave, bits):
     planes = np.stack([wave.real, wave.imag]).astype(np.float32)
     if bits is None:
         return planes
@@ -47,19 +47,19 @@ def quantised(wave, bits):
     return (np.sign(planes) * size).astype(np.float32)
 
 
-def seen(first, second):
+def compare(first, second):
     return correlate_noise(first, second, period_s=GPS_L1_CA.period_s)
 
 
-def found(first, second, carrier_cycles=0.0):
-    return seen(cut_rows(first, carrier_cycles, CELLS), cut_rows(second, carrier_cycles, CELLS))
+def find(first, second, carrier_cycles=0.0):
+    return compare(cut_rows(first, carrier_cycles, CELLS), cut_rows(second, carrier_cycles, CELLS))
 
 
 @pytest.mark.parametrize("bits", [1, 2, None])
 def test_a_copy_is_seen_whatever_its_shift_and_its_gain(bits):
     rng = np.random.default_rng(1)
-    one = quantised(sky(rng)[0] + noise(rng), bits)
-    reported = found(one, 0.37 * np.roll(one, 3, axis=1))
+    one = quantize(draw_sky(rng)[0] + draw_noise(rng), bits)
+    reported = find(one, 0.37 * np.roll(one, 3, axis=1))
     assert reported.coefficient > 0.97  # a lag between two that are tried loses up to 2.5 %
     assert reported.lag_s == pytest.approx(3.0 / RATE_HZ, abs=2e-9)
     assert reported.p_value < 1e-12
@@ -68,8 +68,8 @@ def test_a_copy_is_seen_whatever_its_shift_and_its_gain(bits):
 @pytest.mark.parametrize(("share", "least"), [(0.01, 0.96), (0.2, 0.5)])
 def test_turned_bits_hide_no_copy(share, least):
     rng = np.random.default_rng(2)
-    one = quantised(sky(rng)[0] + noise(rng), 1)
-    reported = found(one, np.where(rng.random(one.shape) < share, -one, one))
+    one = quantize(draw_sky(rng)[0] + draw_noise(rng), 1)
+    reported = find(one, np.where(rng.random(one.shape) < share, -one, one))
     assert reported.coefficient > least
     assert reported.p_value < 1e-12
 
@@ -78,23 +78,25 @@ def test_turned_bits_hide_no_copy(share, least):
 def test_two_receivers_on_one_antenna_are_seen(own_db):
     # Each with noise of its own, and with a carrier of its own.
     rng = np.random.default_rng(3)
-    antenna = sky(rng)[0] + noise(rng)
+    antenna = draw_sky(rng)[0] + draw_noise(rng)
     turn = np.exp(2j * np.pi * 90.0 * np.arange(N) / RATE_HZ)
     own = 10.0 ** (own_db / 20.0)
-    reported = found(quantised(antenna + own * noise(rng), None), quantised(antenna * turn + own * noise(rng), None))
+    reported = find(
+        quantize(antenna + own * draw_noise(rng), None), quantize(antenna * turn + own * draw_noise(rng), None)
+    )
     assert reported.coefficient == pytest.approx(1.0 / (1.0 + own**2), abs=0.03)
     assert reported.p_value < 1e-12
 
 
 def test_a_recording_of_another_rate_and_kind_is_compared():
     rng = np.random.default_rng(4)
-    antenna = np.fft.fftshift(np.fft.fft(sky(rng)[0] + noise(rng)))
+    antenna = np.fft.fftshift(np.fft.fft(draw_sky(rng)[0] + draw_noise(rng)))
     wide = np.zeros(4 * N, complex)  # real samples at four times the rate
     middle = 2 * N + round(0.7 * N)
     wide[middle - N // 2 : middle - N // 2 + N] = antenna
     real = np.fft.ifft(np.fft.ifftshift(wide)).real
-    first = quantised(np.fft.ifft(np.fft.ifftshift(antenna)), 1)
-    reported = seen(
+    first = quantize(np.fft.ifft(np.fft.ifftshift(antenna)), 1)
+    reported = compare(
         cut_rows(first, 0.0, CELLS),
         cut_rows(np.stack([np.sign(real), 0.0 * real]).astype(np.float32), 0.7 / 4.0, CELLS),
     )
@@ -102,16 +104,16 @@ def test_a_recording_of_another_rate_and_kind_is_compared():
     assert abs(reported.lag_s) < 1e-8
 
 
-def common_signals(rng, stronger_db, sats, bits):
-    first, second = sky(rng, cn0_dbhz=45.0 + stronger_db, sats=sats)
-    return found(quantised(first + noise(rng), bits), quantised(second + noise(rng), bits))
+def draw_common_signals(rng, stronger_db, sats, bits):
+    first, second = draw_sky(rng, cn0_dbhz=45.0 + stronger_db, sats=sats)
+    return find(quantize(first + draw_noise(rng), bits), quantize(second + draw_noise(rng), bits))
 
 
 @pytest.mark.parametrize(
     ("stronger_db", "sats", "bits"), [(0, 10, 1), (10, 10, 2), (15, 4, 1), (20, 10, 1), (30, 10, None)]
 )
 def test_common_signals_are_no_common_noise(stronger_db, sats, bits):
-    reported = common_signals(np.random.default_rng(5), stronger_db, sats, bits)
+    reported = draw_common_signals(np.random.default_rng(5), stronger_db, sats, bits)
     assert reported.p_value == 1.0
 
 
@@ -122,10 +124,10 @@ def test_no_strength_of_common_signals_is_taken_for_common_noise(sats, bits):
     # What is left in common stays below half of what is taken to be explained.
     rng = np.random.default_rng([6, sats, bits or 0])
     for stronger_db in range(0, 31, 3):
-        first, second = sky(rng, cn0_dbhz=45.0 + stronger_db, sats=sats)
-        rows = [cut_rows(quantised(item + noise(rng), bits), 0.0, CELLS) for item in (first, second)]
+        first, second = draw_sky(rng, cn0_dbhz=45.0 + stronger_db, sats=sats)
+        rows = [cut_rows(quantize(item + draw_noise(rng), bits), 0.0, CELLS) for item in (first, second)]
         remaining = [remove_repetition(item)[0] for item in rows]
-        reported = seen(*rows)
+        reported = compare(*rows)
         repeats = max(
             1.0 - np.sum(np.abs(b) ** 2) / np.sum(np.abs(a) ** 2) for a, b in zip(rows, remaining, strict=True)
         )
@@ -137,8 +139,8 @@ def test_no_strength_of_common_signals_is_taken_for_common_noise(sats, bits):
 def test_independent_noise_shares_nothing():
     rng = np.random.default_rng(7)
     for _ in range(30):
-        one, other = (noise(rng, N_ROWS * 512).reshape(N_ROWS, 512).astype(np.complex64) for _ in range(2))
-        reported = seen(one, other)
+        one, other = (draw_noise(rng, N_ROWS * 512).reshape(N_ROWS, 512).astype(np.complex64) for _ in range(2))
+        reported = compare(one, other)
         assert reported.p_value == 1.0
         assert reported.coefficient < 0.5 * EXPLAINED
 
@@ -149,9 +151,9 @@ def test_explained_correlation_alarms_no_more_than_stated():
     rng, wanted, cells = np.random.default_rng(8), 0.2, 512
     alarms, coefficients = 0, []
     for _ in range(60):
-        common, one, other = (noise(rng, N_ROWS * cells).reshape(N_ROWS, cells) for _ in range(3))
+        common, one, other = (draw_noise(rng, N_ROWS * cells).reshape(N_ROWS, cells) for _ in range(3))
         own = np.sqrt(1.0 / EXPLAINED - 1.0)
-        reported = seen((common + own * one).astype(np.complex64), (common + own * other).astype(np.complex64))
+        reported = compare((common + own * one).astype(np.complex64), (common + own * other).astype(np.complex64))
         alarms += reported.p_value < wanted
         coefficients.append(reported.coefficient)
     assert alarms <= 20  # 12 are stated; twice the sigma more

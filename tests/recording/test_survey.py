@@ -24,8 +24,8 @@ INT8 = {"encoding": "int", "bits": 8}
 TWO_BIT_REAL = {"kind": "real", "encoding": "sign-magnitude", "bits": 2}
 
 
-def recorded(rate_hz, *, duration_s=0.1, seed=0, **front_end):
-    """A clean sky in memory, and its satellites as a search would give them, by the truth."""
+def record(rate_hz, *, duration_s=0.1, seed=0, **front_end):
+    """Render a clean sky in memory, with its satellites as a search would give them, by the truth."""
     scenario = scenes.make_clean(
         PLACE,
         START,
@@ -51,7 +51,7 @@ def recorded(rate_hz, *, duration_s=0.1, seed=0, **front_end):
     return replace(samples, read=lambda start, count: planes[:, start : start + count]), heard
 
 
-def without(samples, at_sample, count):
+def drop_samples(samples, at_sample, count):
     planes = samples.read(0, samples.n_samples)
     kept = np.concatenate([planes[:, :at_sample], planes[:, at_sample + count :]], axis=1)
     return replace(samples, n_samples=kept.shape[1], read=lambda start, n: kept[:, start : start + n])
@@ -70,8 +70,8 @@ def without(samples, at_sample, count):
     ],
 )
 def test_missing_samples_are_found_where_and_as_many_as_they_are(rate_hz, front_end, at_sample, count):
-    samples, heard = recorded(rate_hz, **front_end)
-    (gap,) = survey_recorder(without(samples, at_sample, count), samples.if_hz, heard).gaps
+    samples, heard = record(rate_hz, **front_end)
+    (gap,) = survey_recorder(drop_samples(samples, at_sample, count), samples.if_hz, heard).gaps
     assert abs(gap.at_sample - at_sample) < 4.0 * gap.at_sigma_samples + 1.0
     assert gap.at_sigma_samples < 50e-6 * rate_hz
     period = rate_hz * 1e-3
@@ -81,8 +81,8 @@ def test_missing_samples_are_found_where_and_as_many_as_they_are(rate_hz, front_
 
 
 def test_two_gaps_are_told_apart():
-    samples, heard = recorded(4e6, **INT8)
-    twice = without(without(samples, 280_000, 1500), 120_000, 333)
+    samples, heard = record(4e6, **INT8)
+    twice = drop_samples(drop_samples(samples, 280_000, 1500), 120_000, 333)
     first, second = survey_recorder(twice, 0.0, heard).gaps
     assert abs(first.at_sample - 120_000) < 4.0 * first.at_sigma_samples + 1.0
     assert abs(second.at_sample - (280_000 - 333)) < 4.0 * second.at_sigma_samples + 1.0
@@ -91,14 +91,14 @@ def test_two_gaps_are_told_apart():
 
 
 def test_whole_code_periods_are_missing_without_a_sign():
-    samples, heard = recorded(4e6, **INT8)
-    assert survey_recorder(without(samples, 200_000, 8000), 0.0, heard).gaps == ()
+    samples, heard = record(4e6, **INT8)
+    assert survey_recorder(drop_samples(samples, 200_000, 8000), 0.0, heard).gaps == ()
 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("still", [slice(0, 400_000), slice(0, 120_000), slice(200_000, 206_000)])
 def test_nothing_is_said_of_samples_that_do_not_change(still):
-    samples, heard = recorded(4e6, **INT8)
+    samples, heard = record(4e6, **INT8)
     planes = samples.read(0, samples.n_samples).copy()
     planes[:, still] = 0.0
     cut = replace(samples, read=lambda start, count: planes[:, start : start + count])
@@ -106,7 +106,7 @@ def test_nothing_is_said_of_samples_that_do_not_change(still):
 
 
 def test_the_jump_of_one_satellite_is_no_gap():
-    samples, heard = recorded(4e6, **INT8)
+    samples, heard = record(4e6, **INT8)
     strong = heard[0]
     n = samples.n_samples
     time_s = np.arange(n) / 4e6
@@ -119,10 +119,10 @@ def test_the_jump_of_one_satellite_is_no_gap():
     assert survey_recorder(spoofed, 0.0, heard).gaps == ()
 
 
-def counted(trials, wanted):
+def assert_count(trials, wanted):
     alarms, ratios, clocks = 0, [], []
     for seed in range(trials):
-        samples, heard = recorded(2.6e6, seed=seed)
+        samples, heard = record(2.6e6, seed=seed)
         reported = survey_recorder(samples, 0.0, heard, false_alarm_probability=wanted)
         alarms += bool(reported.gaps)
         ratios.append((reported.doppler_ratio - 1.0) / reported.doppler_ratio_sigma)
@@ -132,13 +132,13 @@ def counted(trials, wanted):
 
 def test_a_continuous_recording_has_no_gap():
     # The bound holds; there are fewer, for neighbouring places are tested as if they were independent.
-    assert counted(5, 1e-3)[0] == 0
+    assert assert_count(5, 1e-3)[0] == 0
 
 
 @pytest.mark.long
 def test_gaps_keep_the_stated_rate_and_sigmas_are_right():
     trials, wanted = 150, 0.2
-    alarms, ratios, clocks = counted(trials, wanted)
+    alarms, ratios, clocks = assert_count(trials, wanted)
     assert alarms <= stats.binom.ppf(0.999, trials, wanted)
     for normalised in (ratios, clocks):
         assert abs(np.mean(normalised)) < 4.0 / np.sqrt(trials)
@@ -146,7 +146,7 @@ def test_gaps_keep_the_stated_rate_and_sigmas_are_right():
 
 
 def test_a_mirrored_spectrum_is_found():
-    samples, heard = recorded(2.6e6)
+    samples, heard = record(2.6e6)
     right = survey_recorder(samples, 0.0, heard)
     assert right.conjugate is False
     mirrored = replace(samples, read=lambda start, count: samples.read(start, count) * np.float32([[1.0], [-1.0]]))
@@ -158,7 +158,7 @@ def test_a_mirrored_spectrum_is_found():
 
 
 def test_four_milliseconds_do_not_show_a_mirrored_spectrum():
-    samples, heard = recorded(2.6e6, duration_s=0.004)
+    samples, heard = record(2.6e6, duration_s=0.004)
     reported = survey_recorder(samples, 0.0, heard)
     assert reported.conjugate is None
     assert reported.conjugate_error_probability == 0.5
@@ -166,7 +166,7 @@ def test_four_milliseconds_do_not_show_a_mirrored_spectrum():
 
 def test_a_sampling_clock_of_its_own_is_found():
     # A rate stated 2 ppm too low: delays in seconds seem to grow by 2 microseconds a second.
-    samples, heard = recorded(2.6e6, duration_s=0.3)
+    samples, heard = record(2.6e6, duration_s=0.3)
     coupled = survey_recorder(samples, 0.0, heard)
     assert abs(coupled.clock_minus_lo_ppm) < 4.0 * coupled.clock_minus_lo_sigma_ppm
     off = survey_recorder(replace(samples, rate_hz=2.6e6 * (1.0 - 2e-6)), 0.0, heard)
@@ -175,7 +175,7 @@ def test_a_sampling_clock_of_its_own_is_found():
 
 
 def test_two_satellites_show_nothing():
-    samples, heard = recorded(2.6e6, duration_s=0.02)
+    samples, heard = record(2.6e6, duration_s=0.02)
     assert survey_recorder(samples, 0.0, heard[:2]) == Survey()
 
 

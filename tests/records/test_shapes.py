@@ -25,7 +25,7 @@ GPST = GPS_EPOCH + np.arange(N).astype("timedelta64[s]")
 SECONDS = np.arange(N, dtype=float)
 
 
-def numbers(*shape):
+def list_numbers(*shape):
     return np.arange(np.prod((N, *shape)), dtype=float).reshape(N, *shape)
 
 
@@ -42,7 +42,7 @@ RECORDS = [
         status=np.zeros((N, K), np.uint8),
         found_elapsed_s=np.zeros(K),
         missed_elapsed_s=np.zeros(K),
-        **{name: numbers(K) for name in (*CELLS, *SIGMAS)},
+        **{name: list_numbers(K) for name in (*CELLS, *SIGMAS)},
     ),
     Taps(
         receiver="rx",
@@ -50,7 +50,7 @@ RECORDS = [
         elapsed_s=SECONDS,
         delays_chips=np.zeros(3),
         dopplers_hz=np.zeros(1),
-        value=numbers(K, 1, 3).astype(np.complex64),
+        value=list_numbers(K, 1, 3).astype(np.complex64),
     ),
     ArrayPhases(
         receiver="rx",
@@ -58,44 +58,46 @@ RECORDS = [
         gpst=GPST,
         elapsed_s=SECONDS,
         elements_m=np.zeros((3, 3)),
-        phase_cyc=numbers(K, 3),
-        sigma_cyc=numbers(K, 3),
+        phase_cyc=list_numbers(K, 3),
+        sigma_cyc=list_numbers(K, 3),
     ),
-    FrontEndLevels(gpst=GPST, band=np.full(N, "L1"), **{name: numbers() for name in LEVELS}),
+    FrontEndLevels(gpst=GPST, band=np.full(N, "L1"), **{name: list_numbers() for name in LEVELS}),
     ReceiverFixes(
         gpst=GPST,
-        position_ecef_m=numbers(3),
-        velocity_ecef_m_s=numbers(3),
+        position_ecef_m=list_numbers(3),
+        velocity_ecef_m_s=list_numbers(3),
         satellites=np.arange(N),
-        **{name: numbers() for name in OF_FIXES},
+        **{name: list_numbers() for name in OF_FIXES},
     ),
-    ImuSeries(gpst=GPST, interval_s=0.1, specific_force_m_s2=numbers(3), angular_rate_rad_s=numbers(3)),
+    ImuSeries(gpst=GPST, interval_s=0.1, specific_force_m_s2=list_numbers(3), angular_rate_rad_s=list_numbers(3)),
     NavState(
         gpst=GPST,
-        position_ecef_m=numbers(3),
-        velocity_ecef_m_s=numbers(3),
-        attitude=numbers(3, 3),
-        covariance=numbers(9, 9),
+        position_ecef_m=list_numbers(3),
+        velocity_ecef_m_s=list_numbers(3),
+        attitude=list_numbers(3, 3),
+        covariance=list_numbers(9, 9),
     ),
-    NavState(gpst=GPST, position_ecef_m=numbers(3), velocity_ecef_m_s=numbers(3), attitude=numbers(3, 3)),
+    NavState(
+        gpst=GPST, position_ecef_m=list_numbers(3), velocity_ecef_m_s=list_numbers(3), attitude=list_numbers(3, 3)
+    ),
     Fix(
         receiver="rx",
         signals=SIGNALS,
         gpst=GPST,
-        position_ecef_m=numbers(3),
-        velocity_ecef_m_s=numbers(3),
-        clock_bias_s=numbers(),
-        clock_drift=numbers(),
-        covariance_m2=numbers(4, 4),
-        residual_m=numbers(K),
+        position_ecef_m=list_numbers(3),
+        velocity_ecef_m_s=list_numbers(3),
+        clock_bias_s=list_numbers(),
+        clock_drift=list_numbers(),
+        covariance_m2=list_numbers(4, 4),
+        residual_m=list_numbers(K),
         status=np.zeros(N, np.uint8),
-        inter_system_s={"E": numbers()},
+        inter_system_s={"E": list_numbers()},
     ),
 ]
 
 
-def parts(record):
-    """What a record holds, mappings opened, by name."""
+def list_parts(record):
+    """List what a record holds by name, with mappings opened."""
     for field in fields(record):
         value = getattr(record, field.name)
         yield from value.items() if isinstance(value, dict) else [(field.name, value)]
@@ -104,7 +106,7 @@ def parts(record):
 @pytest.mark.parametrize("rows", [slice(2, 5), np.array([4, 1, 1]), np.arange(N) % 2 == 0], ids=["slice", "at", "mask"])
 @pytest.mark.parametrize("record", RECORDS, ids=lambda record: type(record).__name__)
 def test_selected_rows_are_those_of_every_field(record, rows):
-    for (name, whole), (_, part) in zip(parts(record), parts(record.select(rows)), strict=True):
+    for (name, whole), (_, part) in zip(list_parts(record), list_parts(record.select(rows)), strict=True):
         has_rows = isinstance(whole, np.ndarray) and whole.ndim and len(whole) == N
         np.testing.assert_array_equal(part, whole[rows] if has_rows else whole, err_msg=name)
 

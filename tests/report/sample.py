@@ -24,7 +24,7 @@ VERDICT = Verdict.model_validate(SAMPLE)
 EMPTY = Pictures(zero_gpst="2022-01-01T10:00:00")
 
 
-def pictures(receivers: int = 2, sats: int = 3, epochs: int = 50) -> Pictures:
+def make_pictures(receivers: int = 2, sats: int = 3, epochs: int = 50) -> Pictures:
     rng = np.random.default_rng(7)
     names = [f"rx{i + 1}" for i in range(receivers)]
     signals = [
@@ -81,8 +81,8 @@ def pictures(receivers: int = 2, sats: int = 3, epochs: int = 50) -> Pictures:
             for sat in range(sats)
             for label, metres in (("authentic", 20.0 * sat - 20.0), ("spoofed", 0.0))
         ),
-        correlations=tuple(_correlation(f"G{sat + 1:02}") for sat in range(min(sats, 6))),
-        compared=(_compared(),),
+        correlations=tuple(_make_correlation(f"G{sat + 1:02}") for sat in range(min(sats, 6))),
+        compared=(_make_compared(),),
         origins=(
             FixOrigins(
                 receiver="rx1",
@@ -106,7 +106,7 @@ def pictures(receivers: int = 2, sats: int = 3, epochs: int = 50) -> Pictures:
     )
 
 
-def _correlation(sat: str) -> CorrelationParts:
+def _make_correlation(sat: str) -> CorrelationParts:
     delays = np.linspace(-1.5, 1.5, 151)
     parts = np.stack([size * np.maximum(1.0 - np.abs(delays - at), 0.0) for size, at in ((20.0, 0.0), (12.0, -0.5))])
     return CorrelationParts(
@@ -122,7 +122,7 @@ def _correlation(sat: str) -> CorrelationParts:
     )
 
 
-def _compared() -> ComparedSkies:
+def _make_compared() -> ComparedSkies:
     kinds = (("expected", "expected", 0.0), ("sky 1", "trusted", 1.0), ("sky 2", "false", 80.0))
     return ComparedSkies(
         receiver="rx1",

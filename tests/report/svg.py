@@ -3,14 +3,14 @@
 from xml.etree import ElementTree
 
 
-def parsed(svg: str) -> ElementTree.Element:
+def parse(svg: str) -> ElementTree.Element:
     assert svg
     return ElementTree.fromstring(svg)
 
 
-def of_class(root: ElementTree.Element, *names: str) -> list[ElementTree.Element]:
+def select_class(root: ElementTree.Element, *names: str) -> list[ElementTree.Element]:
     return [e for e in root.iter() if set(names) <= set(e.get("class", "").split())]
 
 
-def texts(root: ElementTree.Element) -> list[str]:
+def list_texts(root: ElementTree.Element) -> list[str]:
     return [e.text or "" for e in root.iter("text")]

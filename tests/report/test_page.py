@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 from typing import Any
 
 import pytest
-from tests.report.sample import EMPTY, SAMPLE, VERDICT, pictures
+from tests.report.sample import EMPTY, SAMPLE, VERDICT, make_pictures
 
 from skyproof.gnss.time import format_clock
 from skyproof.report import evidence
@@ -68,7 +68,7 @@ def read(page: str) -> Reader:
 
 
 def test_the_page_says_everything_that_the_verdict_says() -> None:
-    text = read(write_report_html(VERDICT, pictures())).text
+    text = read(write_report_html(VERDICT, make_pictures())).text
     for reported in (
         VERDICT.summary,
         "Spoofed since 10:00:24 ± 0.5 s (one sigma), 2022-01-01, GPS time",
@@ -101,7 +101,7 @@ def test_the_page_says_everything_that_the_verdict_says() -> None:
 
 
 def test_the_page_draws_what_it_was_given() -> None:
-    page = write_report_html(VERDICT, pictures())
+    page = write_report_html(VERDICT, make_pictures())
     headings = [re.search("<h3>(.*?)</h3>", figure) for figure in page.split("<figure")[1:]]
     one, two = ["rx1"], ["rx2"]
     subjects = [re.findall(r"\brx\d", heading[1]) for heading in headings if heading]
@@ -109,11 +109,11 @@ def test_the_page_draws_what_it_was_given() -> None:
 
 
 def test_the_same_input_gives_the_same_bytes() -> None:
-    assert write_report_html(VERDICT, pictures()) == write_report_html(copy.deepcopy(VERDICT), pictures())
+    assert write_report_html(VERDICT, make_pictures()) == write_report_html(copy.deepcopy(VERDICT), make_pictures())
 
 
 def test_the_page_loads_nothing_and_runs_nothing() -> None:
-    page = write_report_html(VERDICT, pictures())
+    page = write_report_html(VERDICT, make_pictures())
     reader = read(page)
     assert not {"script", "link", "img", "iframe", "object", "embed", "image", "use", "base", "form"} & set(reader.tags)
     names = {name for name, _ in reader.attributes}
@@ -147,7 +147,7 @@ def test_what_comes_from_outside_is_escaped_everywhere() -> None:
         "settings": {evil: evil, "a": {evil: [evil]}},
         "versions": {evil: evil},
     }
-    result = pictures(1, 1)
+    result = make_pictures(1, 1)
     poisoned = Pictures(
         zero_gpst=result.zero_gpst,
         origin=result.origin,
@@ -184,7 +184,7 @@ def test_what_comes_from_outside_is_escaped_everywhere() -> None:
 
 
 def test_colours_follow_the_label_in_light_dark_and_print() -> None:
-    page = write_report_html(VERDICT, pictures())
+    page = write_report_html(VERDICT, make_pictures())
     assert page.count("--true:") == page.count("--false:") == 3
     assert "@media (prefers-color-scheme: dark)" in page
     assert "@media print" in page
@@ -192,7 +192,7 @@ def test_colours_follow_the_label_in_light_dark_and_print() -> None:
 
 
 def test_many_signals_over_a_long_time_stay_below_a_megabyte() -> None:
-    assert len(write_report_html(VERDICT, pictures(20, 12, 1200)).encode()) < 1_000_000
+    assert len(write_report_html(VERDICT, make_pictures(20, 12, 1200)).encode()) < 1_000_000
 
 
 def test_a_page_without_pictures_or_signals_says_so() -> None:
@@ -262,8 +262,8 @@ def test_a_signal_that_changes_its_label_is_one_signal() -> None:
     assert re.findall(r"\d \w+", reported) == ["1 signal", "1 authentic", "1 unknown", "1 changed"]
 
 
-def facts_of(**changes: Any) -> dict[str, str]:
-    """The answers at the top of a page, by what is asked."""
+def list_facts(**changes: Any) -> dict[str, str]:
+    """List the answers at the top of a page by question."""
     page = write_report_html(Verdict.model_validate(SAMPLE | changes), EMPTY)
     facts = page[page.index('<dl class="facts">') : page.index("</header>")]
     pairs = re.findall(r"<dt>([^<]*)</dt>(.*?)</div>", facts, re.DOTALL)
@@ -271,7 +271,7 @@ def facts_of(**changes: Any) -> dict[str, str]:
 
 
 def test_the_top_answers_since_when_where_and_how_sure() -> None:
-    reported = facts_of()
+    reported = list_facts()
     assert reported["Spoofed since"] == "10:00:24 ± 0.5 s (one sigma), 2022-01-01, GPS time; 2022-01-01 10:00:06 UTC"
     shown = "59.41210° N, 16.88370° E rx1, at 10:00:59.9 GPS time (10:00:41.9 UTC), within "
     assert reported["True position"].startswith(shown)
@@ -282,19 +282,19 @@ def test_the_top_answers_since_when_where_and_how_sure() -> None:
 
 
 def test_an_attack_from_the_start_is_described_as_such() -> None:
-    reported = facts_of(since_gpst="2022-01-01T10:00:00.0", since_sigma_s=None)
+    reported = list_facts(since_gpst="2022-01-01T10:00:00.0", since_sigma_s=None)
     times = r"10:00:00 or before 2022-01-01, GPS time; 2022-01-01 09:59:42 UTC; .+"
     assert re.fullmatch(times, reported["Spoofed since"])
 
 
 def test_without_true_signals_the_true_position_is_not_known() -> None:
     receivers = [receiver | {"trusted_fix": None} for receiver in SAMPLE["receivers"]]
-    assert facts_of(receivers=receivers)["True position"].startswith("Not known")
+    assert list_facts(receivers=receivers)["True position"].startswith("Not known")
 
 
 def test_a_suspicion_says_since_when() -> None:
     suspicion = {"verdict": "suspect", "reason": "it jumps", "since_sigma_s": None}
-    reported = facts_of(**suspicion)
+    reported = list_facts(**suspicion)
     assert re.match(r"10:00:24 or before 2022-01-01,", reported["Suspect since"])
     assert "Spoofed since" not in reported
 
@@ -310,13 +310,13 @@ def test_an_open_page_gives_the_possible_positions() -> None:
     receivers = [receiver | {"trusted_fix": None, "false_fix": None} for receiver in SAMPLE["receivers"]]
     place = {"lat_deg": 59.0, "lon_deg": 16.0, "height_m": 1.0}
     sources = [SAMPLE["sources"][0] | {"name": name, "shows": place} for name in ("S1", "S2")]
-    reported = facts_of(reason="two skies", receivers=receivers, sources=sources)
+    reported = list_facts(reason="two skies", receivers=receivers, sources=sources)
     (places,) = (answer for asked, answer in reported.items() if asked.startswith("True position:"))
     assert places.count("59.00000° N, 16.00000° E") == 2
 
 
 def test_skies_that_differ_are_drawn_each() -> None:
-    result = pictures()
+    result = make_pictures()
     other = tuple(replace(p, label="unknown") if p.receiver == "rx2" else p for p in result.sky)
     page = write_report_html(VERDICT, replace(result, sky=other))
     assert "<h3>Sky over rx1</h3>" in page
@@ -336,23 +336,23 @@ def test_what_belongs_to_the_word_stands_apart() -> None:
     assert order == sorted(order)  # what to do, what would settle it, then why
 
 
-def top_of(page: str) -> str:
+def cut_top(page: str) -> str:
     return page[page.index("<header") : page.index("</header>")]
 
 
 def test_what_is_cut_or_left_out_of_inputs_stands_at_the_top() -> None:
     inputs = [SAMPLE["inputs"][0] | {"cut": ["after 7 s"], "left_out": ["3 epochs"]}]
     page = write_report_html(Verdict.model_validate(SAMPLE | {"inputs": inputs}), EMPTY)
-    assert "after 7 s" in top_of(page)
-    assert "3 epochs" in top_of(page)
-    assert "I/Q imbalance" not in top_of(page)
+    assert "after 7 s" in cut_top(page)
+    assert "3 epochs" in cut_top(page)
+    assert "I/Q imbalance" not in cut_top(page)
     assert all(page.count(words) >= 2 for words in ("after 7 s", "3 epochs"))
 
 
 def test_places_are_in_degrees_and_minutes_on_the_whole_page() -> None:
     settings = SAMPLE["settings"] | {"position_format": "degrees-minutes"}
     page = write_report_html(Verdict.model_validate(SAMPLE | {"settings": settings}), EMPTY)
-    assert "59° 24.726′ N" in top_of(page)
+    assert "59° 24.726′ N" in cut_top(page)
     assert "59° 24.72600′ N" in page
     assert "59.4121" not in page
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.report.svg import of_class, parsed, texts
+from tests.report.svg import list_texts, parse, select_class
 
 from skyproof.report import methods
 from skyproof.report.pictures import DelayProfile, DelayTag, RangeDifference
@@ -15,8 +15,8 @@ from skyproof.report.proof import draw_chance_scale, plot_differences, plot_prof
 from skyproof.report.words import distance_words, offset_words, place_words
 
 
-def place(symbol: ElementTree.Element) -> tuple[float, float]:
-    """Where a symbol stands: a disc has a centre, the others begin there and move on."""
+def find_place(symbol: ElementTree.Element) -> tuple[float, float]:
+    """Find where a symbol stands: a disc has a centre, the others begin there and move on."""
     if symbol.tag == "circle":
         return float(symbol.get("cx", "nan")), float(symbol.get("cy", "nan"))
     (x, y), *_ = re.findall(r"M(-?[\d.]+) (-?[\d.]+)", symbol.get("d", ""))
@@ -26,7 +26,7 @@ def place(symbol: ElementTree.Element) -> tuple[float, float]:
 # Correlation
 
 
-def profile(sat: str, *tags: tuple[Any, float], height: float = 20.0) -> DelayProfile:
+def make_profile(sat: str, *tags: tuple[Any, float], height: float = 20.0) -> DelayProfile:
     delays = np.linspace(-3.0, 9.0, 121)
     power = 1.0 + height * sum(np.maximum(1.0 - np.abs(delays - delay), 0.0) ** 2 for _, delay in tags)
     return DelayProfile(
@@ -40,20 +40,23 @@ def profile(sat: str, *tags: tuple[Any, float], height: float = 20.0) -> DelayPr
 
 
 def test_every_signal_is_marked_above_its_peak_with_its_label() -> None:
-    root = parsed(plot_profiles([profile("G05", ("authentic", 0.0), ("spoofed", 6.0))], title="correlation"))
-    (curve,) = of_class(root, "curve")
+    root = parse(plot_profiles([make_profile("G05", ("authentic", 0.0), ("spoofed", 6.0))], title="correlation"))
+    (curve,) = select_class(root, "curve")
     points = np.array(re.findall(r"[ML](-?[\d.]+) (-?[\d.]+)", curve.get("d", "")), float)
     for label, delay in (("authentic", 0.0), ("spoofed", 6.0)):
-        (mark,) = of_class(root, "symbol", label)
-        x, y = place(mark)
+        (mark,) = select_class(root, "symbol", label)
+        x, y = find_place(mark)
         assert x == pytest.approx(np.interp(delay, np.linspace(-3.0, 9.0, 121), points[:, 0]), abs=0.2)
         assert 0.0 < np.interp(x, points[:, 0], points[:, 1]) - y < 12.0
-    assert {"G05", "delay, chips (1 chip = 293 m)", "power, noise = 1"} <= set(texts(root))
+    assert {"G05", "delay, chips (1 chip = 293 m)", "power, noise = 1"} <= set(list_texts(root))
 
 
 def test_all_panels_have_one_scale() -> None:
-    strong, weak = profile("G05", ("authentic", 0.0), height=40.0), profile("G07", ("authentic", 0.0), height=10.0)
-    curves = of_class(parsed(plot_profiles([strong, weak], title="c")), "curve")
+    strong, weak = (
+        make_profile("G05", ("authentic", 0.0), height=40.0),
+        make_profile("G07", ("authentic", 0.0), height=10.0),
+    )
+    curves = select_class(parse(plot_profiles([strong, weak], title="c")), "curve")
     tall = [np.ptp([float(y) for _, y in re.findall(r"[ML](-?[\d.]+) (-?[\d.]+)", c.get("d", ""))]) for c in curves]
     assert tall[0] / tall[1] == pytest.approx(4.0, rel=0.05)
 
@@ -61,21 +64,21 @@ def test_all_panels_have_one_scale() -> None:
 # Range differences
 
 
-def difference(sat: str, label: Any, metres: float) -> RangeDifference:
+def make_difference(sat: str, label: Any, metres: float) -> RangeDifference:
     return RangeDifference(receivers=("rx1", "rx2"), sat=sat, label=label, metres=metres)
 
 
 def test_false_signals_stand_in_one_line_true_ones_do_not() -> None:
     metres = {"G01": -40.0, "G02": 10.0, "G03": 30.0}
-    rows = [difference(sat, "authentic", m) for sat, m in metres.items()]
-    rows += [difference(sat, "spoofed", 0.0) for sat in metres]
-    root = parsed(plot_differences(rows, title="differences"))
-    false = [place(mark)[0] for mark in of_class(root, "symbol", "spoofed")]
-    true = [place(mark)[0] for mark in of_class(root, "symbol", "authentic")]
+    rows = [make_difference(sat, "authentic", m) for sat, m in metres.items()]
+    rows += [make_difference(sat, "spoofed", 0.0) for sat in metres]
+    root = parse(plot_differences(rows, title="differences"))
+    false = [find_place(mark)[0] for mark in select_class(root, "symbol", "spoofed")]
+    true = [find_place(mark)[0] for mark in select_class(root, "symbol", "authentic")]
     assert np.ptp(false) == 0.0
     np.testing.assert_allclose(np.diff(true) / np.sum(np.diff(true)), [50.0 / 70.0, 20.0 / 70.0], atol=0.01)
-    assert any("rx2" in text and "rx1" in text and text.endswith(", m") for text in texts(root))
-    assert {"G01", "G02", "G03"} <= set(texts(root))
+    assert any("rx2" in text and "rx1" in text and text.endswith(", m") for text in list_texts(root))
+    assert {"G01", "G02", "G03"} <= set(list_texts(root))
 
 
 # Chance
@@ -83,8 +86,8 @@ def test_false_signals_stand_in_one_line_true_ones_do_not() -> None:
 
 @pytest.mark.parametrize(("p_value", "side"), [(1e-3, -1), (1e-7, 0), (1e-9, 1), (0.0, 1), (1.0, -1)])
 def test_a_p_value_stands_on_its_side_of_what_was_allowed(p_value: float, side: int) -> None:
-    root = parsed(draw_chance_scale(p_value, 1e-7, title="chance"))
-    (mark,), (limit,) = of_class(root, "mark"), of_class(root, "limit")
+    root = parse(draw_chance_scale(p_value, 1e-7, title="chance"))
+    (mark,), (limit,) = select_class(root, "mark"), select_class(root, "limit")
     assert np.sign(round(float(mark.get("cx", "nan")) - float(limit.get("x1", "nan")), 3)) == side
     assert 0.0 < float(mark.get("cx", "nan")) < 360.0
 

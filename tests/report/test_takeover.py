@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from tests.report.svg import of_class, parsed, texts
+from tests.report.svg import list_texts, parse, select_class
 
 from skyproof.report.pictures import FixTrack
 from skyproof.report.takeover import (
@@ -20,7 +20,7 @@ from skyproof.report.takeover import (
 )
 
 
-def parts_of(value, **more):
+def list_parts(value, **more):
     delays = np.linspace(-1.0, 1.0, len(value))
     both = np.stack((np.abs(value), 0.5 * np.abs(value)))
     numbers = {"second_chips": -0.4, "second_db": -6.0, "second_deg": 120.0} | more
@@ -32,24 +32,24 @@ def parts_of(value, **more):
 @pytest.mark.parametrize(("degrees", "colour"), [(0.0, 0), (14.0, 0), (16.0, 1), (-16.0, 11), (179.0, 6), (-179.0, 6)])
 def test_colour_is_the_phase(degrees, colour):
     value = 20.0 * np.exp(1j * np.radians(np.full(9, degrees)))
-    root = parsed(plot_correlations([parts_of(value)], title="x"))
-    shapes = [e.get("class") for e in of_class(root, "phase") if e.tag == "path"]
+    root = parse(plot_correlations([list_parts(value)], title="x"))
+    shapes = [e.get("class") for e in select_class(root, "phase") if e.tag == "path"]
     assert shapes == [f"phase p{colour}"]
 
 
 def test_a_second_phase_gives_a_second_colour():
     value = np.concatenate([np.full(5, 10.0j), np.full(5, 20.0 + 0.0j)])
-    root = parsed(plot_correlations([parts_of(value)], title="x"))
-    left, right = [e for e in of_class(root, "phase") if e.tag == "path"]
+    root = parse(plot_correlations([list_parts(value)], title="x"))
+    left, right = [e for e in select_class(root, "phase") if e.tag == "path"]
     assert (left.get("class"), right.get("class")) == ("phase p3", "phase p0")
     base, *line = [float(y) for _, y in re.findall(r"(-?[\d.]+) (-?[\d.]+)", right.get("d"))]
     low = [float(y) for _, y in re.findall(r"(-?[\d.]+) (-?[\d.]+)", left.get("d"))]
     assert base - min(line) == pytest.approx(2.0 * (low[0] - low[1]), abs=0.2)
-    assert "\N{MINUS SIGN}0.40 chip, \N{MINUS SIGN}6 dB, +120°" in texts(root)
-    assert "delay, chips (1 chip = 293 m)" in texts(root)
+    assert "\N{MINUS SIGN}0.40 chip, \N{MINUS SIGN}6 dB, +120°" in list_texts(root)
+    assert "delay, chips (1 chip = 293 m)" in list_texts(root)
 
 
-def skies(**more):
+def make_skies(**more):
     def fix(name, kind, east_m):
         return FixTrack(
             receiver=name, kind=kind, east_m=np.array([east_m]), north_m=np.zeros(1), covariance_m2=np.eye(2)
@@ -72,29 +72,29 @@ def skies(**more):
 
 
 def test_both_skies_stand_beside_what_was_expected():
-    root = parsed(map_skies(skies(), title="x"))
+    root = parse(map_skies(make_skies(), title="x"))
     (square,), (disc,), (diamond,) = (
-        of_class(root, *names) for names in (("ring", "expected"), ("mark", "trusted"), ("mark", "false"))
+        select_class(root, *names) for names in (("ring", "expected"), ("mark", "trusted"), ("mark", "false"))
     )
     at = float(square.get("x")) + 0.5 * float(square.get("width"))
     chosen, refused = float(disc.get("cx")), float(re.match(r"M([\d.]+)", diamond.get("d"))[1])
     assert (refused - at) / (chosen - at) == pytest.approx(90.0, rel=0.15)
-    root = parsed(plot_clocks(skies(), title="x"))
+    root = parse(plot_clocks(make_skies(), title="x"))
     expected, true, false = (float(e.get("cx")) for e in root.iter("circle"))
     assert (false - expected) / (true - expected) == pytest.approx(50.0, rel=0.05)
-    assert any(text.endswith(", ns") for text in texts(root))
-    assert not plot_clocks(skies(offsets=()), title="x")
-    assert not map_skies(skies(tracks=()), title="x")
+    assert any(text.endswith(", ns") for text in list_texts(root))
+    assert not plot_clocks(make_skies(offsets=()), title="x")
+    assert not map_skies(make_skies(tracks=()), title="x")
 
 
 def test_bars_are_as_long_as_positions_came_from_there():
     stretches = (OriginSpan("trusted", 0.0, 40.0), OriginSpan("held", 40.0, 100.0))
     seconds = np.arange(0.0, 101.0)
     origins = FixOrigins(receiver="rx1", usable=stretches, seconds=seconds, away_m=np.maximum(seconds - 50.0, 0.0))
-    root = parsed(plot_origins(origins, title="x", zero="then", onset_s=30.0))
-    (sky,), (held,) = of_class(root, "from", "trusted"), of_class(root, "from", "held")
+    root = parse(plot_origins(origins, title="x", zero="then", onset_s=30.0))
+    (sky,), (held,) = select_class(root, "from", "trusted"), select_class(root, "from", "held")
     assert float(held.get("width")) == pytest.approx(1.5 * float(sky.get("width")), rel=0.01)
-    assert "onset" in texts(root)
-    assert "time since then, s" in texts(root)
+    assert "onset" in list_texts(root)
+    assert "time since then, s" in list_texts(root)
     nothing = FixOrigins(receiver="rx1", usable=(), seconds=np.empty(0), away_m=np.empty(0))
     assert not plot_origins(nothing, title="x", zero="then")

@@ -16,7 +16,7 @@ FIX = SAMPLE["receivers"][0]["trusted_fix"]
 FALSE = SAMPLE["receivers"][0]["false_fix"]
 
 
-def verdict_of(word: str = "spoofed", **fixes: object) -> Verdict:
+def make_verdict(word: str = "spoofed", **fixes: object) -> Verdict:
     kinds = ("trusted", "consistent", "inertial", "held", "false", "unprotected")
     receiver = SAMPLE["receivers"][0] | {f"{kind}_fix": None for kind in kinds} | fixes
     why = {"reason": "why", "not_excluded": ["a slow drag"]} if word != "spoofed" else {}
@@ -24,7 +24,7 @@ def verdict_of(word: str = "spoofed", **fixes: object) -> Verdict:
 
 
 def test_a_dragged_receiver_is_named_with_distance_and_remedy() -> None:
-    use, ignore = what_now(verdict_of(trusted_fix=FIX, unprotected_fix=FALSE))
+    use, ignore = what_now(make_verdict(trusted_fix=FIX, unprotected_fix=FALSE))
     assert use[0] is Advice.USE_TRUSTED
     assert "rx1-trusted.nmea" in use[1]
     assert ignore[0] is Advice.IGNORE_OTHERS
@@ -32,19 +32,19 @@ def test_a_dragged_receiver_is_named_with_distance_and_remedy() -> None:
 
 
 def test_an_attack_that_harms_nobody_yet_is_not_said_to_harm() -> None:
-    _, wait = what_now(verdict_of(trusted_fix=FIX, unprotected_fix=FIX | {"lat_deg": FIX["lat_deg"] + 1e-5}))
+    _, wait = what_now(make_verdict(trusted_fix=FIX, unprotected_fix=FIX | {"lat_deg": FIX["lat_deg"] + 1e-5}))
     assert wait[0] is Advice.DO_NOT_WAIT
 
 
 def test_without_a_trusted_position_no_satellite_is_to_be_used() -> None:
-    [(what, why)] = what_now(verdict_of(false_fix=FALSE))
+    [(what, why)] = what_now(make_verdict(false_fix=FALSE))
     assert what is Advice.USE_NOTHING
     assert f" {format_clock('2022-01-01T10:00:24')}" in why
 
 
 def test_a_trusted_position_that_has_ended_is_none_for_now() -> None:
     old = FIX | {"gpst": "2022-01-01T10:00:30"}
-    assert what_now(verdict_of(trusted_fix=old, unprotected_fix=FALSE))[0][0] is Advice.USE_NOTHING
+    assert what_now(make_verdict(trusted_fix=old, unprotected_fix=FALSE))[0][0] is Advice.USE_NOTHING
 
 
 @pytest.mark.parametrize("kind", ["inertial", "held"])
@@ -52,15 +52,15 @@ def test_a_trusted_position_that_has_ended_is_none_for_now() -> None:
 def test_a_position_that_no_signal_moves_may_be_used(kind: str, word: str) -> None:
     old = FIX | {"gpst": "2022-01-01T10:00:30", "hidden_m": 40.0}
     fixes = {"consistent_fix": old, f"{kind}_fix": FIX | {"hidden_m": 40.0}, "unprotected_fix": FALSE}
-    verdict = verdict_of(word, **fixes)
+    verdict = make_verdict(word, **fixes)
     assert verdict.receivers[0].usable[0] == kind
     assert what_now(verdict)[0][0] is Advice.USE_CARRIED
-    alone = verdict_of(word, consistent_fix=old, unprotected_fix=FALSE)
+    alone = make_verdict(word, consistent_fix=old, unprotected_fix=FALSE)
     assert what_now(alone)[0][0] in (Advice.USE_NOTHING, Advice.RELY_ON_NOTHING)
 
 
 def test_a_consistent_position_may_be_used_but_is_unproven() -> None:
-    verdict = verdict_of("no_attack_seen", consistent_fix=FIX | {"hidden_m": 40.0}, unprotected_fix=FIX)
+    verdict = make_verdict("no_attack_seen", consistent_fix=FIX | {"hidden_m": 40.0}, unprotected_fix=FIX)
     (what, why), *_ = what_now(verdict)
     assert (what, "rx1-consistent.nmea" in why) == (Advice.GO_ON, True)
     (words,) = (words for heading, words in verdict.explained if heading == "Position:")
@@ -72,7 +72,7 @@ def test_a_consistent_position_may_be_used_but_is_unproven() -> None:
     [("authentic", Advice.NOTHING), ("no_attack_seen", Advice.GO_ON), ("suspect", Advice.RELY_ON_NOTHING)],
 )
 def test_other_verdicts_have_a_line_too(word: str, what: Advice) -> None:
-    assert what_now(verdict_of(word))[0][0] is what
+    assert what_now(make_verdict(word))[0][0] is what
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.2, 0.5, 1.0])

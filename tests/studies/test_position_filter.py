@@ -13,7 +13,7 @@ STATIC, KINEMATIC = FilterSettings(mode="static"), FilterSettings(mode="kinemati
 
 def driven(rng, settings, *, n=40, doppler=True, sats=9):
     """Observations that follow the filter's own model in every part, with the truth (n, 4) of place and clock."""
-    nav, place = sky.navigation(), sky.place(48.0, 11.0, 400.0)
+    nav, place = sky.make_navigation(), sky.place(48.0, 11.0, 400.0)
     walk = np.linalg.cholesky(np.array([[1 / 3, 1 / 2], [1 / 2, 1.0]]))
     path, velocity = np.zeros((n, 3)), np.zeros(3)
     clock, drift, drifts = np.zeros(n), 30.0, np.full(n, 30.0)
@@ -25,11 +25,11 @@ def driven(rng, settings, *, n=40, doppler=True, sats=9):
         clock[i] = clock[i - 1] + drift + shake[0] + settings.clock_m2_s**0.5 * rng.standard_normal()
         drift += shake[1]
         drifts[i] = drift
-    names = sky.visible(nav, place, 15.0)[:sats]
-    made = sky.scene(nav, [(names, place + path, clock / sky.C)], n=n).observations
-    still = sky.scene(nav, [(names, place, 0.0)], n=n).observations
-    air = sky.scene(nav, [(names, place, 0.0)], n=n, air=False).observations
-    truth = [sky.measured(nav, s, made.gpst, place, 0.0) for s in names]
+    names = sky.list_visible(nav, place, 15.0)[:sats]
+    made = sky.make_scene(nav, [(names, place + path, clock / sky.C)], n=n).observations
+    still = sky.make_scene(nav, [(names, place, 0.0)], n=n).observations
+    air = sky.make_scene(nav, [(names, place, 0.0)], n=n, air=False).observations
+    truth = [sky.measure(nav, s, made.gpst, place, 0.0) for s in names]
     elevation = np.stack([t.elevation_rad for t in truth], axis=1)
     ionosphere = 0.5 * np.stack([t.pseudorange_m - t.carrier_m for t in truth], axis=1)
     sigma_b = np.hypot(settings.multipath_sigma_m / np.sin(elevation), settings.ionosphere_share * ionosphere)
@@ -81,10 +81,10 @@ def test_errors_and_innovations_are_as_large_as_the_filter_says(settings, dopple
 
 
 def clean(*, n=60, noise_m=0.5, seed=5, sats=10, **scene):
-    nav, place = sky.navigation(), sky.place(59.0, 17.0, 100.0)
-    names = sky.visible(nav, place, 10.0)[:sats]
+    nav, place = sky.make_navigation(), sky.place(59.0, 17.0, 100.0)
+    names = sky.list_visible(nav, place, 10.0)[:sats]
     rng = np.random.default_rng(seed)
-    seen = sky.scene(nav, [(names, place, 1e-4)], n=n, noise_m=noise_m, rng=rng, **scene).observations
+    seen = sky.make_scene(nav, [(names, place, 1e-4)], n=n, noise_m=noise_m, rng=rng, **scene).observations
     return seen, nav, place
 
 
@@ -146,10 +146,10 @@ def test_lasting_errors_do_not_average_out_without_a_carrier():
 
 
 def test_a_moving_receiver_has_its_path_and_velocity():
-    nav, place = sky.navigation(), sky.place(48.0, 11.0, 200.0)
+    nav, place = sky.make_navigation(), sky.place(48.0, 11.0, 200.0)
     angle = np.arange(90) * 0.1
     path = place + 150.0 * np.column_stack((np.cos(angle), np.sin(angle), 0.0 * angle))
-    seen = sky.scene(nav, [(sky.visible(nav, place, 10.0), path, 2e-4)], n=90, noise_m=0.3).observations
+    seen = sky.make_scene(nav, [(sky.list_visible(nav, place, 10.0), path, 2e-4)], n=90, noise_m=0.3).observations
     velocity = 15.0 * np.column_stack((-np.sin(angle), np.cos(angle), 0.0 * angle))
     found, _ = step(None, replace(seen, doppler_hz=np.full_like(seen.doppler_hz, np.nan)), nav)
     assert np.linalg.norm(found.fix.position_ecef_m - path, axis=1)[10:].max() < 1.0
