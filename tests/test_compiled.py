@@ -27,8 +27,8 @@ NUMBER = itertools.count()
 
 
 @pytest.fixture
-def called(tmp_path, monkeypatch):
-    """How often the machine code was found when a module, imported anew, calls its kernel: 1 or 0."""
+def count_calls(tmp_path, monkeypatch):
+    """Return a function that counts whether machine code was found for a module imported again: 1 or 0."""
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     path = tmp_path / "package" / "kernels_there.py"
@@ -36,21 +36,21 @@ def called(tmp_path, monkeypatch):
     path.write_text(SOURCE)
     monkeypatch.setattr(account, "_ACCOUNT", account._Account())
 
-    def called() -> int:
-        called.module = f"kernels_there_{next(NUMBER)}"
-        spec = importlib.util.spec_from_file_location(called.module, path)
+    def call() -> int:
+        call.module = f"kernels_there_{next(NUMBER)}"
+        spec = importlib.util.spec_from_file_location(call.module, path)
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
-        called.kernel, called.kept_before = module.total, is_kept(module.total)
+        call.kernel, call.kept_before = module.total, is_kept(module.total)
         assert module.total(np.arange(4.0)) == 6.0
         return sum(module.total.stats.cache_hits.values())
 
-    return called
+    return call
 
 
 @pytest.fixture
 def read_only(monkeypatch):
-    """Folders in which nothing can be written from now on, for the super-user as well."""
+    """Make folders refuse all writing from now on, for the super-user as well."""
     folders = []
     makedirs, temporary, replace = os.makedirs, tempfile.TemporaryFile, os.replace
 
@@ -64,63 +64,63 @@ def read_only(monkeypatch):
     return folders.append
 
 
-def test_setups_kernels_are_read_where_nothing_can_be_written(called, tmp_path, read_only):
-    assert (called(), called()) == (0, 1)
+def test_setups_kernels_are_read_where_nothing_can_be_written(count_calls, tmp_path, read_only):
+    assert (count_calls(), count_calls()) == (0, 1)
     read_only(tmp_path)
-    assert called() == 1
+    assert count_calls() == 1
     assert not (tmp_path / "home").exists()
 
 
-def test_what_setup_did_not_compile_is_kept_for_the_user(called, tmp_path, read_only):
+def test_what_setup_did_not_compile_is_kept_for_the_user(count_calls, tmp_path, read_only):
     read_only(tmp_path / "package")
-    assert (called(), called()) == (0, 1)
+    assert (count_calls(), count_calls()) == (0, 1)
     assert list((tmp_path / "home").rglob("*.nbc"))
     assert not list((tmp_path / "package").rglob("*.nbc"))
 
 
-def test_kernels_run_where_nothing_is_kept_or_can_be_written(called, tmp_path, read_only):
+def test_kernels_run_where_nothing_is_kept_or_can_be_written(count_calls, tmp_path, read_only):
     read_only(tmp_path)
-    assert (called(), called()) == (0, 0)
+    assert (count_calls(), count_calls()) == (0, 0)
 
 
-def test_a_kernel_is_kept_once_it_was_compiled(called, tmp_path, read_only):
-    called()
-    assert not called.kept_before
-    assert is_kept(called.kernel)
-    called()
-    assert called.kept_before
-    assert kernels_in(called.module) == {f"{called.module}.total": called.kernel}
-    assert writable_folder(called.kernel).parent == tmp_path / "package"
+def test_a_kernel_is_kept_once_it_was_compiled(count_calls, tmp_path, read_only):
+    count_calls()
+    assert not count_calls.kept_before
+    assert is_kept(count_calls.kernel)
+    count_calls()
+    assert count_calls.kept_before
+    assert kernels_in(count_calls.module) == {f"{count_calls.module}.total": count_calls.kernel}
+    assert writable_folder(count_calls.kernel).parent == tmp_path / "package"
     read_only(tmp_path / "package")
-    assert writable_folder(called.kernel).is_relative_to(tmp_path / "home")
+    assert writable_folder(count_calls.kernel).is_relative_to(tmp_path / "home")
     read_only(tmp_path)
-    assert writable_folder(called.kernel) is None
+    assert writable_folder(count_calls.kernel) is None
 
 
-def test_what_is_compiled_is_named_and_nothing_else(called):
+def test_what_is_compiled_is_named_and_nothing_else(count_calls):
     names = []
     on_compiled(names.append)
-    called()
-    first = called.module
-    called()
+    count_calls()
+    first = count_calls.module
+    count_calls()
     assert names == [f"{first}.total"]
 
 
-def test_what_is_compiled_in_no_time_is_not_reported(called, caplog, monkeypatch):
+def test_what_is_compiled_in_no_time_is_not_reported(count_calls, caplog, monkeypatch):
     monkeypatch.setattr(account._ACCOUNT, "_report_s", float("inf"))  # however slow this machine is
-    called()
+    count_calls()
     assert not caplog.records
     monkeypatch.setattr(account._ACCOUNT, "_report_s", 0.0)
-    called()
+    count_calls()
     assert not caplog.records  # it was kept
 
 
 @pytest.mark.parametrize("nowhere", [False, True])
-def test_a_report_says_where_nothing_can_be_kept(called, tmp_path, read_only, caplog, monkeypatch, nowhere):
+def test_a_report_says_where_nothing_can_be_kept(count_calls, tmp_path, read_only, caplog, monkeypatch, nowhere):
     monkeypatch.setattr(account._ACCOUNT, "_report_s", 0.0)
     if nowhere:
         read_only(tmp_path)
-    called()
+    count_calls()
     (record,) = caplog.records
     assert record.args[0] == 1
     assert ("NUMBA_CACHE_DIR" in record.getMessage()) == nowhere
@@ -128,16 +128,16 @@ def test_a_report_says_where_nothing_can_be_kept(called, tmp_path, read_only, ca
     monkeypatch.setattr(account._ACCOUNT, "_report_s", 0.0)
     path = tmp_path / "package" / "kernels_there.py"
     path.write_text(f"# changed\n{path.read_text()}")
-    called()
+    count_calls()
     assert len(caplog.records) == 2
     assert "NUMBA_CACHE_DIR" not in caplog.records[1].getMessage()  # the reason once a process
 
 
-def test_machine_code_of_another_source_is_not_used(called, tmp_path):
-    assert called() == 0
+def test_machine_code_of_another_source_is_not_used(count_calls, tmp_path):
+    assert count_calls() == 0
     path = tmp_path / "package" / "kernels_there.py"
     path.write_text(SOURCE.replace("s = 0.0", "s = 0.0  # changed"))
-    assert called() == 0
+    assert count_calls() == 0
 
 
 def test_a_function_of_no_file_is_compiled():

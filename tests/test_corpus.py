@@ -24,21 +24,21 @@ def test_one_tree_says_the_same_twice(name: str) -> None:
     assert list(differences([row_of(name)], [row_of(name)])) == []
 
 
-def kinds(names: list[str] | tuple[str, ...]) -> set[str]:
+def list_kinds(names: list[str] | tuple[str, ...]) -> set[str]:
     return {name.partition("-")[0] for name in names}
 
 
 def test_the_quick_rows_are_of_every_kind() -> None:
     without_samples = {kind for kind in KINDS if "samples" not in kind}
-    assert kinds(QUICK) == without_samples - set(REAL)
-    assert kinds(QUICK_REAL) == set(REAL)
+    assert list_kinds(QUICK) == without_samples - set(REAL)
+    assert list_kinds(QUICK_REAL) == set(REAL)
 
 
 def test_the_whole_corpus_has_hundreds_of_scenes() -> None:
     names = names_of()
     assert len(names) == len(set(names))
     assert sum(name.partition("-")[0] not in REAL for name in names) >= LEAST_DRAWN
-    assert kinds(names_of(samples=True)) >= set(KINDS) - set(REAL)
+    assert list_kinds(names_of(samples=True)) >= set(KINDS) - set(REAL)
 
 
 @pytest.mark.shared_data
@@ -63,7 +63,7 @@ ROW = {
 }
 
 
-def sorts(before: dict, **parts: object) -> list[str]:
+def sort_differences(before: dict, **parts: object) -> list[str]:
     after = copy.deepcopy(before)
     for part, value in parts.items():
         run = after["runs"]["two"]
@@ -84,7 +84,7 @@ def sorts(before: dict, **parts: object) -> list[str]:
 def test_words_are_sorted_by_the_truth(truth: str, word: str, sort: str) -> None:
     before = copy.deepcopy(ROW)
     before["runs"]["two"]["truth"] = truth
-    assert sorts(before, word=word) == [sort]
+    assert sort_differences(before, word=word) == [sort]
 
 
 @pytest.mark.parametrize(
@@ -100,11 +100,11 @@ def test_words_are_sorted_by_the_truth(truth: str, word: str, sort: str) -> None
     ],
 )
 def test_what_has_no_truth_is_listed_as_other(part: str, value: object) -> None:
-    assert sorts(ROW, **{part: value}) == ["other"]
+    assert sort_differences(ROW, **{part: value}) == ["other"]
 
 
 def test_a_code_that_only_one_tree_has_is_no_difference() -> None:
-    assert sorts(ROW, failed={"continuity jump undecided reflections": 1}) == []
+    assert sort_differences(ROW, failed={"continuity jump undecided reflections": 1}) == []
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_a_code_that_only_one_tree_has_is_no_difference() -> None:
     ],
 )
 def test_labels_and_places_are_sorted_by_counts(what: str, value: object, counts: object, sort: str) -> None:
-    assert sorts(ROW, **{what: value}, counts=counts) == [sort]
+    assert sort_differences(ROW, **{what: value}, counts=counts) == [sort]
 
 
 def test_rows_that_are_missing_are_listed() -> None:

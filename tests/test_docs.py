@@ -53,8 +53,8 @@ LICENCES_STANDARDS_DOIS = (
 
 
 def test_what_is_cited_is_what_is_installed() -> None:
-    project = tomllib.loads(text_of(ROOT / "pyproject.toml"))["project"]
-    cited = text_of(ROOT / "CITATION.cff").splitlines()
+    project = tomllib.loads(read_text(ROOT / "pyproject.toml"))["project"]
+    cited = read_text(ROOT / "CITATION.cff").splitlines()
     for line in (f"title: {project['name']}", f"version: {project['version']}", f"license: {project['license']}"):
         assert line in cited
     (author,) = project["authors"]
@@ -66,47 +66,47 @@ def test_what_is_cited_is_what_is_installed() -> None:
 
 @pytest.mark.parametrize("page", [ROOT / "README.md", DOCS / "start.md"], ids=lambda page: page.name)
 def test_both_ways_to_install_are_given(page: Path) -> None:
-    commands = "\n".join(blocks(page, "sh"))
+    commands = "\n".join(list_blocks(page, "sh"))
     assert "make setup" in commands
     assert "pip install .\n" in commands
 
 
-def text_of(path: Path) -> str:
+def read_text(path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
-def blocks(path: Path, language: str) -> list[str]:
-    """The fenced blocks of a page that are in `language`."""
-    return re.findall(rf"^```{language}(?: [^\n]*)?\n(.*?)^```", text_of(path), re.MULTILINE | re.DOTALL)
+def list_blocks(path: Path, language: str) -> list[str]:
+    """List the fenced blocks of a page that are in `language`."""
+    return re.findall(rf"^```{language}(?: [^\n]*)?\n(.*?)^```", read_text(path), re.MULTILINE | re.DOTALL)
 
 
-def code_spans(path: Path) -> list[str]:
-    """What stands between single backticks, outside of fenced blocks and of what is made from the code."""
+def list_code_spans(path: Path) -> list[str]:
+    """List what stands between single backticks, outside of fenced blocks and of generated parts."""
     written = re.sub(
-        r"^<!-- (?!end)[^\n]* -->\n(?:(?!<!-- ).)*?<!-- end -->", "", text_of(path), flags=re.MULTILINE | re.DOTALL
+        r"^<!-- (?!end)[^\n]* -->\n(?:(?!<!-- ).)*?<!-- end -->", "", read_text(path), flags=re.MULTILINE | re.DOTALL
     )
     return re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", written, flags=re.MULTILINE | re.DOTALL))
 
 
-def options_of(command: str) -> list[str]:
+def list_options(command: str) -> list[str]:
     arguments = app[command].assemble_argument_collection(parse_docstring=False)
     return [argument.names[0] for argument in arguments if argument.names[0].startswith("--")]
 
 
-def shell_lines(path: Path) -> list[str]:
-    """Arguments of every line of a page's shell blocks that calls skyproof with something."""
-    lines = [line for block in blocks(path, "sh") for line in block.replace("\\\n", " ").splitlines()]
-    return arguments_in(lines)
+def list_shell_lines(path: Path) -> list[str]:
+    """List arguments of every line of a page's shell blocks that calls skyproof with something."""
+    lines = [line for block in list_blocks(path, "sh") for line in block.replace("\\\n", " ").splitlines()]
+    return list_arguments(lines)
 
 
-def arguments_in(texts: list[str]) -> list[str]:
+def list_arguments(texts: list[str]) -> list[str]:
     calls = (re.match(r"(?:\$ )?(?:\.venv/bin/)?skyproof (.+)", text.strip()) for text in texts)
     return [call[1].partition("  #")[0].strip() for call in calls if call]
 
 
 @pytest.fixture(scope="module")
 def tables() -> ModuleType:
-    """The module that makes the manual's tables."""
+    """Import the module that makes the manual's tables."""
     sys.path.insert(0, str(DOCS / "build"))
     try:
         return importlib.import_module("tables")
@@ -116,7 +116,7 @@ def tables() -> ModuleType:
 
 @pytest.fixture(scope="module")
 def fill(tables: ModuleType) -> ModuleType:
-    """The module that writes what is made into the pages."""
+    """Import the module that writes generated parts into the pages."""
     sys.path.insert(0, str(DOCS / "build"))
     try:
         return importlib.import_module("fill")
@@ -131,24 +131,26 @@ def fill(tables: ModuleType) -> ModuleType:
 def test_every_command_and_option_is_in_the_manual(command: str, tables: ModuleType) -> None:
     page = tables.commands()
     section = page.partition(f"## `skyproof {command}`\n")[2].partition("\n## ")[0]
-    assert "<!-- commands -->" in text_of(DOCS / "commands.md")
-    assert [option for option in options_of(command) if f"`{option}" not in section] == []
+    assert "<!-- commands -->" in read_text(DOCS / "commands.md")
+    assert [option for option in list_options(command) if f"`{option}" not in section] == []
     assert f"\nskyproof {command}" in section.partition("```sh")[2]  # an example
 
 
 def test_every_option_that_is_named_is_one() -> None:
-    known = {option for command in COMMANDS for option in options_of(command)} | {name for name in app if "--" in name}
+    known = {option for command in COMMANDS for option in list_options(command)} | {
+        name for name in app if "--" in name
+    }
     pages = [page for page in GUIDE if page.parent.name != "design"]  # which name options of other programs
-    spans = [span for page in pages for span in code_spans(page) if span.startswith(("--", "skyproof "))]
+    spans = [span for page in pages for span in list_code_spans(page) if span.startswith(("--", "skyproof "))]
     reported = {option for span in spans for option in re.findall(r"(?<!\S)--[a-z][a-z-]+", span)}
     assert reported - known == set()
 
 
-def command_lines() -> list[str]:
-    return [line for page in GUIDE for line in [*shell_lines(page), *arguments_in(code_spans(page))]]
+def list_command_lines() -> list[str]:
+    return [line for page in GUIDE for line in [*list_shell_lines(page), *list_arguments(list_code_spans(page))]]
 
 
-@pytest.mark.parametrize("line", sorted(set(command_lines())))
+@pytest.mark.parametrize("line", sorted(set(list_command_lines())))
 def test_every_command_line_parses(line: str) -> None:
     tokens = shlex.split(line)
     if tokens[0] == "COMMAND":
@@ -163,16 +165,16 @@ def test_every_command_line_of_the_first_pages_runs(
 ) -> None:
     # Those of a newcomer, in order, in an empty folder; what both pages tell is done once.
     monkeypatch.chdir(tmp_path)
-    for line in dict.fromkeys([*shell_lines(ROOT / "README.md"), *shell_lines(DOCS / "start.md")]):
+    for line in dict.fromkeys([*list_shell_lines(ROOT / "README.md"), *list_shell_lines(DOCS / "start.md")]):
         if not line.startswith("--"):  # what changes the shell of who runs this
             assert main(shlex.split(line)) == 0, f"{line}: {capsys.readouterr().err}"
     assert (tmp_path / "result" / "report.html").is_file()
 
 
 def test_every_make_target_that_is_named_exists_and_is_described() -> None:
-    made_by_make = set(re.findall(r"^([a-z-]+):.*?## ", text_of(ROOT / "Makefile"), re.MULTILINE))
+    made_by_make = set(re.findall(r"^([a-z-]+):.*?## ", read_text(ROOT / "Makefile"), re.MULTILINE))
     pattern = r"(?:^|`)make ([a-z][a-z-]*)"
-    reported = {name for page in GUIDE for name in re.findall(pattern, text_of(page), re.MULTILINE)}
+    reported = {name for page in GUIDE for name in re.findall(pattern, read_text(page), re.MULTILINE)}
     assert reported <= made_by_make
     assert made_by_make - {"help"} <= reported
 
@@ -191,7 +193,7 @@ def test_every_setting_and_key_is_in_the_manual_with_its_default(tables: ModuleT
 
 def test_every_mark_of_a_page_names_what_there_is(tables: ModuleType) -> None:
     pages = [page for page in GUIDE if page.is_relative_to(DOCS)]
-    marks = [mark for page in pages for mark in re.findall(r"<!-- (\w+): (.*?) -->", text_of(page))]
+    marks = [mark for page in pages for mark in re.findall(r"<!-- (\w+): (.*?) -->", read_text(page))]
     untold = []
     for word, kind in marks:
         if word == "keys":
@@ -208,7 +210,7 @@ def test_every_mark_of_a_page_names_what_there_is(tables: ModuleType) -> None:
 def test_every_page_holds_what_the_code_says_now(fill: ModuleType) -> None:
     # So that it can be read where nothing is built: `make fill` writes it.
     assert len(fill.pages()) > 10
-    texts = {page.name: text_of(page) for page in fill.pages()}
+    texts = {page.name: read_text(page) for page in fill.pages()}
     assert [name for name, text in texts.items() if fill.marks.filled(text, fill.unbuilt) != text] == []
     empty = [name for name, text in texts.items() for mark in fill.marks.MARK.finditer(text) if not mark[3]]
     assert empty == []
@@ -232,21 +234,21 @@ def test_a_table_is_drawn_with_a_line_for_each_row(fill: ModuleType) -> None:
     points = sum(path.count("z") for path in re.findall(r'class="point.*?/>', svg))
     assert points == 3 + 2 * 2  # and two a line in the legend
     for path in fill.pages():
-        text = text_of(path)
+        text = read_text(path)
         asked = re.findall(r"<!-- chart: (.*?) -->", text)
         assert [what for what, _ in fill.charts.charts_in(text)] == asked, path.name
 
 
 def test_the_files_that_the_manual_shows_are_read(tmp_path: Path) -> None:
-    sidecar, _, scenario = blocks(DOCS / "formats.md", "toml")
+    sidecar, _, scenario = list_blocks(DOCS / "formats.md", "toml")
     (tmp_path / "rx1.toml").write_text(sidecar, encoding="utf-8")
     read_sidecar(tmp_path / "rx1.toml")
     for page in ("commands.md", "platform.md"):
-        (platform,) = blocks(DOCS / page, "toml")
+        (platform,) = list_blocks(DOCS / page, "toml")
         (tmp_path / "platform.toml").write_text(platform, encoding="utf-8")
         assert read_platform(tmp_path / "platform.toml") != Platform()
     assert [attack.kind for attack in parse_scenario(tomllib.loads(scenario)).attacks] == ["meaconer"]
-    (meta,) = blocks(DOCS / "formats.md", "json")
+    (meta,) = list_blocks(DOCS / "formats.md", "json")
     (tmp_path / "one.sigmf-meta").write_text(meta, encoding="utf-8")
     np.arange(8000).astype(np.int8).tofile(tmp_path / "one.sigmf-data")
     (samples,) = open_sigmf(tmp_path / "one.sigmf-meta")
@@ -254,16 +256,16 @@ def test_the_files_that_the_manual_shows_are_read(tmp_path: Path) -> None:
 
 
 def test_every_fix_column_and_sigmf_key_is_described() -> None:
-    page = text_of(DOCS / "formats.md")
+    page = read_text(DOCS / "formats.md")
     assert [name for name in FIXES_COLUMNS if f"`{name}`" not in page] == []
-    own = set(re.findall(r"skyproof:\w+", text_of(ROOT / "src" / "skyproof" / "formats" / "sigmf.py")))
+    own = set(re.findall(r"skyproof:\w+", read_text(ROOT / "src" / "skyproof" / "formats" / "sigmf.py")))
     assert {key for key in own if f"`{key}`" not in page} == set()
 
 
 def test_every_ready_made_scene_is_described() -> None:
-    page = text_of(DOCS / "scenarios.md")
+    page = read_text(DOCS / "scenarios.md")
     assert [name for name in load_ready_made() if f"\n| [`{name}`]" not in page] == []
-    assert f"{len(load_ready_made())} ready-made scenes" in text_of(ROOT / "README.md")
+    assert f"{len(load_ready_made())} ready-made scenes" in read_text(ROOT / "README.md")
 
 
 # Pages and code
@@ -272,28 +274,28 @@ def test_every_ready_made_scene_is_described() -> None:
 def test_every_file_and_test_that_is_named_exists() -> None:
     missing = []
     for page in GUIDE:
-        for target in re.findall(r"\]\((?!https?:)([^)#\s]+)", text_of(page)):
+        for target in re.findall(r"\]\((?!https?:)([^)#\s]+)", read_text(page)):
             there = (page.parent / target).resolve()
             missing += [] if there.exists() or there in MADE_BY_HOOKS else [f"{page.name}: {target}"]
-        for path, name in re.findall(r"\b((?:tests|bench|docs|src)/[\w/.-]*\w)(?:::(\w+))?", text_of(page)):
-            found = (ROOT / path).exists() and (not name or f"def {name}(" in text_of(ROOT / path))
+        for path, name in re.findall(r"\b((?:tests|bench|docs|src)/[\w/.-]*\w)(?:::(\w+))?", read_text(page)):
+            found = (ROOT / path).exists() and (not name or f"def {name}(" in read_text(ROOT / path))
             found = found or (ROOT / path).is_relative_to(MADE_BY_MAKE)
             missing += [] if found else [f"{page.name}: {path} {name}"]
     assert missing == []
 
 
 def test_the_words_of_the_glossary_are_in_order_and_used() -> None:
-    words = re.findall(r"^(\S.*)\n:  ", text_of(DOCS / "glossary.md"), re.MULTILINE)
+    words = re.findall(r"^(\S.*)\n:  ", read_text(DOCS / "glossary.md"), re.MULTILINE)
     assert len(words) > 40
     assert words == sorted(words, key=lambda word: re.sub(r"[^a-z0-9]", "", word.lower()))
-    pages = " ".join(text_of(page) for page in GUIDE if page.name != "glossary.md").replace("\n", " ").lower()
-    rooms = " ".join(text_of(page) for page in sorted((ROOT / "src").rglob("*.py"))).lower()
+    pages = " ".join(read_text(page) for page in GUIDE if page.name != "glossary.md").replace("\n", " ").lower()
+    rooms = " ".join(read_text(page) for page in sorted((ROOT / "src").rglob("*.py"))).lower()
     assert [word for word in words if word.strip("`").lower() not in pages + rooms] == []
 
 
 @pytest.mark.parametrize(
     "page",
-    [page for page in GUIDE if blocks(page, "python") and page.name != "detector.md"],
+    [page for page in GUIDE if list_blocks(page, "python") and page.name != "detector.md"],
     ids=lambda page: page.name,
 )
 def test_the_python_of_every_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -306,12 +308,12 @@ def test_the_python_of_every_page_runs(page: Path, tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(skyproof, "inspect", lambda *_, **__: (inspection,), raising=False)
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
-    for block in blocks(page, "python"):
+    for block in list_blocks(page, "python"):
         exec(compile(block, page.name, "exec"), names)
 
 
 def test_the_python_page_uses_every_name_that_is_promised() -> None:
-    code = "\n".join(blocks(DOCS / "python" / "index.md", "python"))
+    code = "\n".join(list_blocks(DOCS / "python" / "index.md", "python"))
     used = {
         node.attr
         for node in ast.walk(ast.parse(code))
@@ -322,7 +324,7 @@ def test_the_python_page_uses_every_name_that_is_promised() -> None:
 
 def test_the_manuals_detector_meets_the_contract(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # The page's files as they stand there; what an installer would write about the package is written by hand.
-    page = text_of(DOCS / "extend" / "detector.md")
+    page = read_text(DOCS / "extend" / "detector.md")
     files = dict(re.findall(r'^```\w+ title="(.*?)"\n(.*?)^```', page, re.MULTILINE | re.DOTALL))
     assert sorted(files) == ["pyproject.toml", "restless.py", "test_restless.py"]
     for name, content in files.items():
@@ -359,14 +361,14 @@ def test_the_manual_builds_offline_without_a_warning(tmp_path: Path) -> None:
     pages = sorted((tmp_path / "site").rglob("*.html"))
     assert len(pages) > 40
     fetched = re.compile(r"<(?:script|img|link|iframe)[^>]+(?:src|href)=\"?(https?:)?//")
-    assert [page.name for page in pages if fetched.search(text_of(page))] == []
+    assert [page.name for page in pages if fetched.search(read_text(page))] == []
     assert "<!--" not in re.sub(
-        r"<code>.*?</code>|<pre.*?</pre>", "", text_of(tmp_path / "site" / "commands.html"), flags=re.DOTALL
+        r"<code>.*?</code>|<pre.*?</pre>", "", read_text(tmp_path / "site" / "commands.html"), flags=re.DOTALL
     )
 
 
 def test_the_notebook_has_the_form_of_one() -> None:
-    notebook = json.loads(text_of(DOCS / "tutorial.ipynb"))
+    notebook = json.loads(read_text(DOCS / "tutorial.ipynb"))
     assert (notebook["nbformat"], notebook["nbformat_minor"]) == (4, 5)
     ids = [cell["id"] for cell in notebook["cells"]]
     assert len(set(ids)) == len(ids)
@@ -381,7 +383,7 @@ def test_the_notebook_has_the_form_of_one() -> None:
 
 @pytest.fixture(scope="module")
 def texts() -> dict[str, str]:
-    """Every text file that is, or is about to be, in the repository."""
+    """Read every text file that is, or is about to be, in the repository."""
     command = ["git", "-C", str(ROOT), "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     listed = subprocess.run(command, capture_output=True, check=False)
     if listed.returncode:

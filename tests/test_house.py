@@ -16,57 +16,62 @@ PACKAGE = ROOT / "src" / "skyproof"
 PAGE = ROOT / "docs" / "design" / "house.md"
 
 
-def name_of(cell: str) -> str:
-    """The room that a cell or a file names."""
+def find_name(cell: str) -> str:
+    """Find the room that a cell or a file names."""
     return cell.strip().strip("`").removesuffix("/").removesuffix(".py")
 
 
-def rooms_stated(text: str) -> dict[str, tuple[int, set[str]]]:
-    """Floor and imports of each room, from the table with the columns floor, room, ..., imports."""
+def read_rooms(text: str) -> dict[str, tuple[int, set[str]]]:
+    """Read floor and imports of each room from the table with the columns floor, room, ..., imports."""
     rows = [line.strip("|").split("|") for line in text.splitlines() if re.match(r"\| *\d+ *\|", line)]
-    return {name_of(row[1]): (int(row[0]), set(re.findall(r"`(\w+)`", row[-1]))) for row in rows}
+    return {find_name(row[1]): (int(row[0]), set(re.findall(r"`(\w+)`", row[-1]))) for row in rows}
 
 
-def rooms_built(package: str) -> dict[str, set[str]]:
-    """Imports of each room: the first level of modules below the package, and `__init__` for the package itself."""
+def find_rooms(package: str) -> dict[str, set[str]]:
+    """Find imports of each room: the first level of modules below the package, and `__init__` for itself."""
     graph = grimp.build_graph(package, cache_dir=None)
 
-    def room(module: str) -> str:
+    def find_room(module: str) -> str:
         return module.split(".")[1] if "." in module else "__init__"
 
-    arrows: dict[str, set[str]] = {room(module): set() for module in graph.modules}
+    arrows: dict[str, set[str]] = {find_room(module): set() for module in graph.modules}
     for module in graph.modules:
         for imported in graph.find_modules_directly_imported_by(module):
-            if room(imported) != room(module):
-                arrows[room(module)].add(room(imported))
+            if find_room(imported) != find_room(module):
+                arrows[find_room(module)].add(find_room(imported))
     return arrows
 
 
 @pytest.fixture(scope="module")
-def stated() -> dict[str, tuple[int, set[str]]]:
-    return rooms_stated(PAGE.read_text(encoding="utf-8"))
+def stated_rooms() -> dict[str, tuple[int, set[str]]]:
+    return read_rooms(PAGE.read_text(encoding="utf-8"))
 
 
-def test_the_page_shows_every_arrow_between_rooms_and_no_other(stated):
-    assert {room: imports for room, (_, imports) in stated.items()} == rooms_built("skyproof")
+def test_the_page_shows_every_arrow_between_rooms_and_no_other(stated_rooms):
+    assert {room: imports for room, (_, imports) in stated_rooms.items()} == find_rooms("skyproof")
 
 
-def test_the_page_shows_every_room(stated):
+def test_the_page_shows_every_room(stated_rooms):
     modules, packages = PACKAGE.glob("*.py"), (file.parent for file in PACKAGE.glob("*/__init__.py"))
-    assert set(stated) == {name_of(path.name) for path in (*modules, *packages)}
+    assert set(stated_rooms) == {find_name(path.name) for path in (*modules, *packages)}
 
 
-def test_every_arrow_points_down(stated):
-    up = [(room, other) for room, (floor, imports) in stated.items() for other in imports if stated[other][0] >= floor]
+def test_every_arrow_points_down(stated_rooms):
+    up = [
+        (room, other)
+        for room, (floor, imports) in stated_rooms.items()
+        for other in imports
+        if stated_rooms[other][0] >= floor
+    ]
     assert up == []
 
 
-def test_the_floors_are_those_of_the_contract(stated):
+def test_the_floors_are_those_of_the_contract(stated_rooms):
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
     (layers,) = [contract["layers"] for contract in settings["contracts"] if contract["type"] == "layers"]
     held = [{room.strip().removeprefix("skyproof.") for room in layer.split("|")} for layer in layers]
-    floors = sorted({floor for floor, _ in stated.values()}, reverse=True)
-    assert [{room for room, (floor, _) in stated.items() if floor == f} for f in floors] == [{"__init__"}, *held]
+    floors = sorted({floor for floor, _ in stated_rooms.values()}, reverse=True)
+    assert [{room for room, (floor, _) in stated_rooms.items() if floor == f} for f in floors] == [{"__init__"}, *held]
 
 
 def test_an_arrow_in_the_code_that_the_page_lacks_is_seen(tmp_path, monkeypatch):
@@ -77,7 +82,7 @@ def test_an_arrow_in_the_code_that_the_page_lacks_is_seen(tmp_path, monkeypatch)
     (house / "cellar.py").write_text("wine = 1\n", encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     page = "| floor | room | imports |\n| 2 | `__init__.py` | `attic` |\n| 1 | `attic.py` | |\n| 0 | `cellar/` | |"
-    built, stated = rooms_built("smallhouse"), {room: imports for room, (_, imports) in rooms_stated(page).items()}
+    built, stated = find_rooms("smallhouse"), {room: imports for room, (_, imports) in read_rooms(page).items()}
     assert built == {"__init__": {"attic"}, "attic": {"cellar"}, "cellar": set()}
     assert stated == {"__init__": {"attic"}, "attic": set(), "cellar": set()}
 
@@ -95,8 +100,8 @@ NOT_OF_A_SIGNAL = {
 }
 
 
-def literals_of_a_signal(tree):
-    """Numbers that are those of GPS L1 C/A, and durations of 20 ms, its bit, by the names that they are given."""
+def list_literals(tree):
+    """List numbers that are those of GPS L1 C/A, and durations of 20 ms, its bit, by the names they are given."""
     durations = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Constant) and type(node.value) in (int, float) and node.value in OF_A_SIGNAL:
@@ -123,14 +128,14 @@ def test_only_plans_know_the_numbers_of_a_signal():
         (str(path.relative_to(PACKAGE)), number)
         for path in PACKAGE.rglob("*.py")
         if not str(path.relative_to(PACKAGE)).startswith(("simulator/", "studies/", "gnss/signals/"))
-        for number in literals_of_a_signal(ast.parse(path.read_text(encoding="utf-8")))
+        for number in list_literals(ast.parse(path.read_text(encoding="utf-8")))
     }
     assert found == NOT_OF_A_SIGNAL.keys()
 
 
 @pytest.mark.parametrize("line", ["M = C / 1.023e6", "def f(bit_s=0.02): ...", "x = 65 / 1023", "f(symbol_s=0.02)"])
 def test_a_number_of_a_signal_is_found(line):
-    assert [*literals_of_a_signal(ast.parse(line))]
+    assert [*list_literals(ast.parse(line))]
 
 
 def test_no_two_public_classes_share_a_name():
@@ -152,11 +157,11 @@ def test_what_is_imported_beside_the_package_exists(folder):
         if isinstance(node, ast.ImportFrom) and node.module is not None and node.module.startswith("skyproof")
         for alias in node.names
     }
-    assert [item for item in sorted(imported) if not _is_there(*item)] == []
+    assert [item for item in sorted(imported) if not _has_name(*item)] == []
 
 
-def _is_there(module: str, name: str) -> bool:
-    """Whether a module has it, or as a package holds a module of that name."""
+def _has_name(module: str, name: str) -> bool:
+    """Test whether a module has a name, or a package a module of that name."""
     package = importlib.import_module(module)
     inside = hasattr(package, "__path__") and importlib.util.find_spec(f"{module}.{name}") is not None
     return inside or hasattr(package, name)

@@ -14,7 +14,7 @@ def send(*numbers: signal.Signals) -> None:
 
 @pytest.fixture(autouse=True)
 def ctrl_c(monkeypatch):
-    """Ctrl-C as in the foreground: a shell's background jobs ignore it."""
+    """Send Ctrl-C as in the foreground: a shell's background jobs ignore it."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)

@@ -168,7 +168,7 @@ def test_a_path_that_is_shorter_than_the_scene_is_refused(tmp_path: Path) -> Non
 # --- recordings
 
 
-def recording(path: Path) -> Path:
+def write_recording(path: Path) -> Path:
     path.write_bytes(np.random.default_rng(1).bytes(4000))
     keys = 'rate_hz = 1e6\nkind = "complex"\nencoding = "int"\nbits = 8\n'
     path.with_suffix(".toml").write_text(f"[samples]\n{keys}", encoding="utf-8")
@@ -177,7 +177,7 @@ def recording(path: Path) -> Path:
 
 def test_a_start_behind_the_end_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"rx1\.bin: .*\b0\.002 s, .*\bstart_s is 3;"):
-        open_inputs([recording(tmp_path / "rx1.bin")], Settings(start_s=3.0))
+        open_inputs([write_recording(tmp_path / "rx1.bin")], Settings(start_s=3.0))
 
 
 def test_a_moment_of_samples_without_a_date_asks_for_one() -> None:
@@ -187,19 +187,19 @@ def test_a_moment_of_samples_without_a_date_asks_for_one() -> None:
 
 
 def test_files_that_the_system_refuses_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = recording(tmp_path / "rx1.bin")
+    path = write_recording(tmp_path / "rx1.bin")
 
-    def refused(*_: object, **__: object) -> None:
+    def refuse(*_: object, **__: object) -> None:
         raise PermissionError(13, "Permission denied", str(path))
 
-    monkeypatch.setattr(byte_io.os, "preadv", refused)
+    monkeypatch.setattr(byte_io.os, "preadv", refuse)
     with pytest.raises(InputError, match=r"rx1\.bin .*\(Permission denied\)"):
         open_inputs([path], Settings())
     with pytest.raises(InputError, match=r"sidecar .*\(Is a directory\)"):
         read_sidecar(tmp_path)
 
 
-def sigmf_files(folder: Path, data: bytes, captures: list[dict[str, Any]], **more: Any) -> Path:
+def write_sigmf_files(folder: Path, data: bytes, captures: list[dict[str, Any]], **more: Any) -> Path:
     meta = {
         "global": {"core:datatype": "ci8", "core:sample_rate": 1e6, "core:version": "1.2.0"} | more,
         "captures": captures,
@@ -212,20 +212,22 @@ def sigmf_files(folder: Path, data: bytes, captures: list[dict[str, Any]], **mor
 
 def test_a_capture_that_begins_within_a_byte_is_refused(tmp_path: Path) -> None:
     packed = {"core:datatype": "ri8", "skyproof:encoding": "sign", "skyproof:bits": 1, "skyproof:if_hz": 2e5}
-    path = sigmf_files(tmp_path, bytes(range(256)), [{"core:sample_start": 0}, {"core:sample_start": 3}], **packed)
+    path = write_sigmf_files(
+        tmp_path, bytes(range(256)), [{"core:sample_start": 0}, {"core:sample_start": 3}], **packed
+    )
     with pytest.raises(InputError, match=r"captures\[1\]\.core:sample_start = 3 .*\bbyte"):
         open_sigmf(path)
 
 
 def test_samples_in_the_place_of_metadata_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = sigmf_files(tmp_path, bytes(range(256)), [{"core:sample_start": 0}])
+    path = write_sigmf_files(tmp_path, bytes(range(256)), [{"core:sample_start": 0}])
     monkeypatch.setattr(sigmf, "METADATA_BYTES", 10)
     with pytest.raises(InputError, match=r"\bSigMF .*\.sigmf-meta"):
         open_sigmf(path)
 
 
 def test_an_archive_that_is_cut_before_its_samples_is_refused(tmp_path: Path) -> None:
-    path = sigmf_files(tmp_path, bytes(range(256)) * 8, [{"core:sample_start": 0}])
+    path = write_sigmf_files(tmp_path, bytes(range(256)) * 8, [{"core:sample_start": 0}])
     with tarfile.open(tmp_path / "rec.sigmf", "w") as tar:
         for item in (path, path.with_suffix(".sigmf-data")):
             tar.add(item, f"rec/{item.name}")
@@ -292,7 +294,7 @@ class Whole(BaseModel):
     switch: bool = False
 
 
-def faults_of(content: Any) -> list[str]:
+def list_faults(content: Any) -> list[str]:
     try:
         Whole.model_validate(content, strict=True)
     except ValidationError as error:
@@ -314,7 +316,7 @@ def faults_of(content: Any) -> list[str]:
     ],
 )
 def test_a_fault_names_place_what_came_and_what_was_expected(content: Any, words: str) -> None:
-    assert faults_of(content) == [words]
+    assert list_faults(content) == [words]
 
 
 # --- the table of all messages

@@ -14,13 +14,13 @@ import pytest
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 
-def cells() -> list[dict[str, Any]]:
+def read_cells() -> list[dict[str, Any]]:
     return json.loads((DOCS / "tutorial.ipynb").read_text(encoding="utf-8"))["cells"]
 
 
 @pytest.fixture(scope="module")
 def runs() -> ModuleType:
-    """The module that executes a notebook."""
+    """Import the module that executes a notebook."""
     sys.path.insert(0, str(DOCS / "build"))
     try:
         return importlib.import_module("runs")
@@ -30,7 +30,7 @@ def runs() -> ModuleType:
 
 def test_the_tutorial_shows_what_its_cells_give() -> None:
     # Where a notebook is read without running it; `make fill` executes it.
-    code = [cell for cell in cells() if cell["cell_type"] == "code"]
+    code = [cell for cell in read_cells() if cell["cell_type"] == "code"]
     assert [cell["execution_count"] for cell in code] == list(range(1, len(code) + 1))
     shows = [cell for cell in code if re.search(r"^ *print\(|^\w+(\(.*\))?\Z", "".join(cell["source"]), re.MULTILINE)]
     assert len(shows) >= 9
@@ -45,9 +45,11 @@ def test_the_tutorial_runs_and_writes_the_listed_columns(
     # Its cells in one namespace, as a notebook runs them.
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {"__name__": "__main__"}
-    for count, cell in enumerate((cell for cell in cells() if cell["cell_type"] == "code"), 1):
+    for count, cell in enumerate((cell for cell in read_cells() if cell["cell_type"] == "code"), 1):
         outputs = runs.run_cell("".join(cell["source"]), names, count)
-        assert [_printed(item) for item in outputs] == [_printed(item) for item in cell["outputs"]], f"cell {count}"
+        assert [_list_printed(item) for item in outputs] == [_list_printed(item) for item in cell["outputs"]], (
+            f"cell {count}"
+        )
     assert names["verdict"].verdict == "spoofed"
     assert abs(names["east_m"]) < 5 * names["fix"].sigma_east_m
     assert abs(names["north_m"]) < 5 * names["fix"].sigma_north_m
@@ -61,6 +63,6 @@ def test_the_tutorial_runs_and_writes_the_listed_columns(
         assert [name for name in columns if name not in reported] == []
 
 
-def _printed(output: dict[str, Any]) -> str:
-    """What a cell printed; of a picture or table that there is one."""
+def _list_printed(output: dict[str, Any]) -> str:
+    """Return what a cell printed; of a picture or table that there is one."""
     return "".join(output["text"]) if output["output_type"] == "stream" else output["output_type"]

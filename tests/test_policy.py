@@ -141,14 +141,14 @@ COMPUTING = {
 read, and what is only shown."""
 
 
-def policies() -> list[object]:
+def list_policies() -> list[object]:
     rooms = (detectors, fusion, inspect, receive)
     found = [package for room in rooms for package in pkgutil.walk_packages(room.__path__, f"{room.__name__}.")]
     records = [(module, vars(module).get("POLICY")) for module in map(importlib.import_module, (m.name for m in found))]
     return [record for module, record in records if type(record).__module__ == module.__name__]
 
 
-@pytest.mark.parametrize("policy", policies(), ids=lambda policy: type(policy).__name__)
+@pytest.mark.parametrize("policy", list_policies(), ids=lambda policy: type(policy).__name__)
 def test_every_number_says_its_unit_and_its_reason(policy):
     for number in numbers_of(policy):
         assert number.name.endswith(SUFFIX[number.unit]), number
@@ -158,7 +158,7 @@ def test_every_number_says_its_unit_and_its_reason(policy):
         assert np.all(np.isfinite(np.ravel(np.array(number.value, np.float64)))), number
 
 
-@pytest.mark.parametrize("policy", policies(), ids=lambda policy: type(policy).__name__)
+@pytest.mark.parametrize("policy", list_policies(), ids=lambda policy: type(policy).__name__)
 def test_a_policy_is_frozen(policy):
     with pytest.raises(dataclasses.FrozenInstanceError):
         setattr(policy, dataclasses.fields(policy)[0].name, 0.0)
@@ -167,12 +167,12 @@ def test_a_policy_is_frozen(policy):
 def test_no_number_that_decides_stands_elsewhere():
     found = {}
     for path in sorted(path for room in ROOMS for path in (SRC / room).rglob("*.py")):
-        if constants := numeric_constants(path):
+        if constants := list_constants(path):
             found[path.relative_to(SRC).with_suffix("").as_posix().removeprefix("detectors/")] = constants
     assert found == COMPUTING
 
 
-def numeric_constants(path: Path) -> set[str]:
+def list_constants(path: Path) -> set[str]:
     """Names of a module that are bound to an expression with a number in it."""
     found = set()
     for statement in ast.parse(path.read_text(encoding="utf-8")).body:

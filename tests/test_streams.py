@@ -18,8 +18,8 @@ from skyproof.cli.screen import print_table, table
 from skyproof.errors import make_readable
 
 
-def ended(redirections: str, *arguments: str, encoding: str = "utf-8") -> tuple[int, bytes, str]:
-    """Exit code, standard output and standard error of a command line in a shell."""
+def run_shell(redirections: str, *arguments: str, encoding: str = "utf-8") -> tuple[int, bytes, str]:
+    """Return exit code, standard output and standard error of a command line in a shell."""
     code = "import sys; from skyproof.cli import main; sys.exit(main())"
     run = subprocess.run(
         ["sh", "-c", f'exec "$@" {redirections}', "sh", sys.executable, "-c", code, *arguments],
@@ -32,7 +32,7 @@ def ended(redirections: str, *arguments: str, encoding: str = "utf-8") -> tuple[
 
 @pytest.mark.parametrize(("redirections", "words"), [(">/dev/full", os.strerror(errno.ENOSPC)), (">&-", "closed")])
 def test_unwritable_standard_output_is_reported_in_one_line(redirections, words):
-    code, _, reported = ended(redirections, "--version")
+    code, _, reported = run_shell(redirections, "--version")
     assert code == 2
     assert re.match(rf"skyproof: .*output .*\(.*{words}\)", reported)
     assert len(reported.splitlines()) == 1
@@ -40,7 +40,7 @@ def test_unwritable_standard_output_is_reported_in_one_line(redirections, words)
 
 def test_standard_error_that_cannot_be_written_changes_nothing():
     for redirections in ("2>/dev/full", "2>&-"):
-        code, out, _ = ended(redirections, "inspect", "no such file.bin")
+        code, out, _ = run_shell(redirections, "inspect", "no such file.bin")
         assert (code, out) == (2, b"")
 
 
@@ -55,11 +55,11 @@ def test_who_has_read_enough_is_not_bothered_with_it(arguments):
 
 
 def test_an_encoding_without_needed_signs_gets_escapes():
-    code, out, reported = ended("", "study", "--list", "--json", encoding="ascii")
+    code, out, reported = run_shell("", "study", "--list", "--json", encoding="ascii")
     assert (code, reported) == (0, "")
     assert out.isascii()
     assert json.loads(out)["studies"]
-    code, out, reported = ended("", "inspect", "h\u00f6.bin", encoding="ascii")
+    code, out, reported = run_shell("", "inspect", "h\u00f6.bin", encoding="ascii")
     assert code == 2
     assert reported.startswith("skyproof: h\\xf6.bin")
 

@@ -197,8 +197,8 @@ def test_a_broken_promise_is_caught(broken, words):
         check_detector(broken, CLEAN.records, np.random.default_rng(0), windows=1000)
 
 
-def with_taps(rng):
-    """The scene's records and taps of the same channels, in a scene's order."""
+def add_taps(rng):
+    """Add taps of the same channels to the scene's records, in a scene's order."""
     records = CLEAN.records(rng)
     (first, _) = records.observations
     value = rng.standard_normal((4, len(first.signals), 1, 3)).astype(np.complex64)
@@ -214,7 +214,7 @@ def with_taps(rng):
 
 
 def test_a_detector_of_other_records_passes():
-    check_detector(OfTaps, with_taps, np.random.default_rng(0), windows=1000)
+    check_detector(OfTaps, add_taps, np.random.default_rng(0), windows=1000)
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_a_detector_of_other_records_passes():
 )
 def test_a_broken_promise_is_caught_in_other_records(broken, words):
     with pytest.raises(AssertionError, match=words):
-        check_detector(broken, with_taps, np.random.default_rng(0), windows=1000)
+        check_detector(broken, add_taps, np.random.default_rng(0), windows=1000)
 
 
 def test_records_without_a_detectors_needs_are_no_test():

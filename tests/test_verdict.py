@@ -17,7 +17,7 @@ SAMPLE = json.loads((Path(__file__).parent / "formats" / "verdict-sample.json").
 Document = dict[str, Any]
 
 
-def changed(change: Callable[[Document], object]) -> Document:
+def change_document(change: Callable[[Document], object]) -> Document:
     document = copy.deepcopy(SAMPLE)
     change(document)
     return document
@@ -59,13 +59,13 @@ def test_a_verdict_cannot_be_changed() -> None:
 )
 def test_a_value_that_makes_no_sense_is_refused(change: Callable[[Document], object], place: str, fault: str) -> None:
     with pytest.raises(ValidationError) as raised:
-        Verdict.model_validate(changed(change))
+        Verdict.model_validate(change_document(change))
     assert [(".".join(map(str, e["loc"])), e["type"]) for e in raised.value.errors()] == [(place, fault)]
 
 
 def test_a_number_that_is_none_is_refused_among_the_settings() -> None:
     with pytest.raises(ValidationError) as raised:
-        Verdict.model_validate(changed(lambda d: d["settings"].update(window_s=float("nan"))))
+        Verdict.model_validate(change_document(lambda d: d["settings"].update(window_s=float("nan"))))
     assert {e["loc"][:2] for e in raised.value.errors()} == {("settings", "window_s")}
 
 
@@ -82,7 +82,7 @@ def test_a_number_that_is_none_is_refused_among_the_settings() -> None:
 )
 def test_parts_that_contradict_each_other_are_refused(change: Callable[[Document], object], words: str) -> None:
     with pytest.raises(ValidationError, match=words) as raised:
-        Verdict.model_validate(changed(change))
+        Verdict.model_validate(change_document(change))
     assert [e["type"] for e in raised.value.errors()] == ["value_error"]
 
 

@@ -31,7 +31,7 @@ def make_ray(place_m, target_m, *, sigma_rad=0.01, off_rad=(0.0, 0.0), place_sig
 def test_rays_without_error_meet_at_the_transmitter():
     target_m = make_place(800.0, 1500.0, 120.0)
     found = locate_transmitter([make_ray(make_place(x, 0.0), target_m) for x in (-600.0, 0.0, 700.0)])
-    # The verticals of places 1 km apart differ by 0.2 mrad: `make_ray` takes one of them for all.
+    # The verticals of places 1 km apart differ by 0.2 mrad: `ray` takes one of them for all.
     assert np.linalg.norm(found.position_ecef_m - target_m) < 1.0
     assert found.p_value > 0.9
 

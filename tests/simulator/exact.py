@@ -27,10 +27,10 @@ class Delays:
     el_rad: Reals
 
 
-def delays_at(
+def compute_delays(
     place: ScenePlace, ephemeris: Ephemeris, navigation: NavigationData, start_gpst: np.datetime64, true_s: ArrayLike
 ) -> Delays:
-    """Delays of one satellite's signal at a place that stands still, at true times (...) of reception.
+    """Compute delays of one satellite's signal at a place that stands still, at true times (...) of reception.
 
     The satellite clock of an L1 C/A user is the message's minus the group delay (IS-GPS-200N, 20.3.3.3.3.2); the
     carrier is coherent with the code at the satellite, so the ionosphere alone parts them.

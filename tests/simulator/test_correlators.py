@@ -34,8 +34,8 @@ TAKEOVER = Takeover(
 )
 
 
-def overlapping(navigation: NavigationData, front_end: FrontEnd, **changes: object) -> Scene:
-    """One satellite: its true signal with a reflection, and a false copy half a chip off, 2 dB stronger."""
+def make_overlapping(navigation: NavigationData, front_end: FrontEnd, **changes: object) -> Scene:
+    """Make one satellite with a reflection, and a false copy half a chip off, 2 dB stronger."""
     place = {"lat_deg": 40.0, "lon_deg": -3.0, "height_m": 650.0}
     scenario = Scenario(
         seed=7,
@@ -64,7 +64,7 @@ def overlapping(navigation: NavigationData, front_end: FrontEnd, **changes: obje
 FILTERED = FrontEnd(rate_hz=RATE_HZ, encoding="float", bits=32, bandwidth_hz=3.2e6)
 
 
-def replicas(
+def make_replicas(
     rendering: Rendering,
     tracked: Tracked,
     channel: int,
@@ -76,7 +76,7 @@ def replicas(
     middle_s: float = MIDDLE_S,
     wiped: bool = True,
 ) -> Complexes:
-    """What samples are correlated with, (n_dopplers * n_delays, count), sample by sample."""
+    """Make the replicas of samples, (n_dopplers * n_delays, count), sample by sample."""
     sky, signal, front_end = rendering.sky, rendering.sky.signal, rendering.front_end
     elapsed_s = (first + np.arange(count)) / front_end.rate_hz
     late_s = sky.true_minus_elapsed_s(elapsed_s)
@@ -109,15 +109,18 @@ def replicas(
     return np.array(rows)
 
 
-def correlated(scene: Scene, tracked: Tracked, kind: str, trials: int, *, recorded: bool = False) -> Complexes:
-    """Of samples rendered with one seed a trial: (trials, n_channels, n_dopplers * n_delays)."""
+def correlate_trials(scene: Scene, tracked: Tracked, kind: str, trials: int, *, recorded: bool = False) -> Complexes:
+    """Correlate samples rendered with one seed a trial: (trials, n_channels, n_dopplers * n_delays)."""
     rendering = prepare_rendering(scene, 0)
     count = round(COHERENT_S * rendering.front_end.rate_hz)
     first = round(MIDDLE_S * rendering.front_end.rate_hz - 0.5 * count)
     assert first >= 0
     assert first + count <= BLOCK
     rows = np.concatenate(
-        [replicas(rendering, tracked, channel, scene, kind, first, count) for channel in range(len(tracked.signals))]
+        [
+            make_replicas(rendering, tracked, channel, scene, kind, first, count)
+            for channel in range(len(tracked.signals))
+        ]
     ).astype(np.complex64)
     found = np.empty((trials, rows.shape[0]), np.complex128)
     for trial in range(trials):
@@ -127,8 +130,8 @@ def correlated(scene: Scene, tracked: Tracked, kind: str, trials: int, *, record
     return found.reshape(trials, len(tracked.signals), -1)
 
 
-def same_law(found: Complexes, outputs: CorrelatorOutputs, drawn: Complexes, alpha: float = 1e-3) -> None:
-    """Two-sided: the mean, the variance and every correlation of `found` are those stated, and those drawn.
+def assert_same_law(found: Complexes, outputs: CorrelatorOutputs, drawn: Complexes, alpha: float = 1e-3) -> None:
+    """Check that the mean, variance and correlations of `found` are those stated, and those drawn, two-sided.
 
     Each figure is a score of deviation 1; none may lie beyond what chance allows the largest of them.
     """
@@ -159,11 +162,13 @@ def same_law(found: Complexes, outputs: CorrelatorOutputs, drawn: Complexes, alp
     assert power == pytest.approx(1.0, abs=3.5 / np.sqrt(trials * kept.sum()) + 0.01)
 
 
-def drawn_of(outputs: CorrelatorOutputs) -> Complexes:
+def list_drawn(outputs: CorrelatorOutputs) -> Complexes:
     return outputs.value.reshape(outputs.value.shape[0], -1).astype(np.complex128)
 
 
-def outputs_of(scene: Scene, tracked: Tracked, kind: Replica, draws: int, quantised: bool = False) -> CorrelatorOutputs:
+def draw_outputs(
+    scene: Scene, tracked: Tracked, kind: Replica, draws: int, quantised: bool = False
+) -> CorrelatorOutputs:
     rate_hz = scene.scenario.front_end.rate_hz
     count = round(COHERENT_S * rate_hz)
     first = round(MIDDLE_S * rate_hz - 0.5 * count)
@@ -185,19 +190,19 @@ def outputs_of(scene: Scene, tracked: Tracked, kind: Replica, draws: int, quanti
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["filtered", "chips"])
 def test_outputs_follow_the_law_of_rendered_samples(navigation: NavigationData, kind: Replica) -> None:
-    scene = overlapping(navigation, FILTERED)
+    scene = make_overlapping(navigation, FILTERED)
     tracked = align_channels(scene, 0)
-    outputs = outputs_of(scene, tracked, kind, 10_000)
-    same_law(correlated(scene, tracked, kind, 25), outputs, drawn_of(outputs))
+    outputs = draw_outputs(scene, tracked, kind, 10_000)
+    assert_same_law(correlate_trials(scene, tracked, kind, 25), outputs, list_drawn(outputs))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["filtered", "chips"])
 def test_outputs_follow_the_law_of_many_rendered_samples(navigation: NavigationData, kind: Replica) -> None:
-    scene = overlapping(navigation, FILTERED)
+    scene = make_overlapping(navigation, FILTERED)
     tracked = align_channels(scene, 0)
-    outputs = outputs_of(scene, tracked, kind, 100_000)
-    same_law(correlated(scene, tracked, kind, 600), outputs, drawn_of(outputs))
+    outputs = draw_outputs(scene, tracked, kind, 100_000)
+    assert_same_law(correlate_trials(scene, tracked, kind, 600), outputs, list_drawn(outputs))
 
 
 RECORDERS = {
@@ -215,16 +220,16 @@ def test_the_recorders_gain_and_loss_match_quantised_samples(navigation: Navigat
     jammer = Interference(
         kind="noise", transmit=ScenePlace(lat_deg=40.01, lon_deg=-3.0, height_m=700.0), power_db=0.0, onset_s=-1.0
     )
-    scene = overlapping(navigation, front_end, interference=(jammer,))
+    scene = make_overlapping(navigation, front_end, interference=(jammer,))
     tracked = align_channels(scene, 0)
-    outputs = outputs_of(scene, tracked, "filtered", 10_000, quantised=True)
-    same_law(correlated(scene, tracked, "filtered", 16, recorded=True), outputs, drawn_of(outputs))
+    outputs = draw_outputs(scene, tracked, "filtered", 10_000, quantised=True)
+    assert_same_law(correlate_trials(scene, tracked, "filtered", 16, recorded=True), outputs, list_drawn(outputs))
 
 
-def heard_without_noise(
+def average_correlations(
     scene: Scene, tracked: Tracked, middle_s: float, coherent_s: float, *, wiped: bool = True, kind: str = "filtered"
 ) -> Complexes:
-    """The mean of rendered samples' correlations, (n_channels, n_dopplers, n_delays)."""
+    """Average rendered samples' correlations without noise, (n_channels, n_dopplers, n_delays)."""
     rendering = prepare_rendering(scene, 0)
     count = round(coherent_s * rendering.front_end.rate_hz)
     first = round(middle_s * rendering.front_end.rate_hz - 0.5 * (count - 1))
@@ -232,13 +237,13 @@ def heard_without_noise(
     real = rendering.front_end.kind == "real"
     samples = (planes[0] + (0.0 if real else 1j) * planes[1])[first : first + count]
     rows = [
-        replicas(rendering, tracked, channel, scene, kind, first, count, middle_s=middle_s, wiped=wiped) @ samples
+        make_replicas(rendering, tracked, channel, scene, kind, first, count, middle_s=middle_s, wiped=wiped) @ samples
         for channel in range(len(tracked.signals))
     ]
     return np.reshape(rows, (len(rows), OFFSETS_HZ.size, TAPS_CHIPS.size)) / count
 
 
-def attacked(**changes: object) -> tuple[Takeover, ...]:
+def make_attacked(**changes: object) -> tuple[Takeover, ...]:
     return (TAKEOVER.model_copy(update=changes),)
 
 
@@ -249,25 +254,25 @@ CASES = {
     "1 ms": (FILTERED, {}, 0.0164, 0.001, True),
     "70 ms": (NARROW, {}, 0.04, 0.07, True),
     "bits kept": (NARROW, {}, 0.04, 0.06, False),
-    "other bits": (NARROW, {"attacks": attacked(message="random")}, 0.04, 0.07, True),
-    "guessed bits": (NARROW, {"attacks": attacked(guess_s=6.3e-3)}, 0.04, 0.07, True),
-    "guessed bits, in chips": (FILTERED, {"attacks": attacked(guess_s=5e-5)}, 0.0164, 0.02, True),
+    "other bits": (NARROW, {"attacks": make_attacked(message="random")}, 0.04, 0.07, True),
+    "guessed bits": (NARROW, {"attacks": make_attacked(guess_s=6.3e-3)}, 0.04, 0.07, True),
+    "guessed bits, in chips": (FILTERED, {"attacks": make_attacked(guess_s=5e-5)}, 0.0164, 0.02, True),
     "growing on the true one": (
         NARROW,
-        {"attacks": attacked(phase="aligned", seamless_s=(-1.0, 19.0))},
+        {"attacks": make_attacked(phase="aligned", seamless_s=(-1.0, 19.0))},
         0.04,
         0.02,
         True,
     ),
     "some code periods off": (
         NARROW,
-        {"attacks": attacked(code_offset_m=1_948_750.0 + 150.0 - 4 * 299_792.458)},
+        {"attacks": make_attacked(code_offset_m=1_948_750.0 + 150.0 - 4 * 299_792.458)},
         0.04,
         0.07,
         True,
     ),
-    "from the middle on": (NARROW, {"attacks": attacked(onset_s=0.035)}, 0.04, 0.07, True),
-    "paused": (NARROW, {"attacks": attacked(off_s=((0.03, 0.05),))}, 0.04, 0.07, True),
+    "from the middle on": (NARROW, {"attacks": make_attacked(onset_s=0.035)}, 0.04, 0.07, True),
+    "paused": (NARROW, {"attacks": make_attacked(off_s=((0.03, 0.05),))}, 0.04, 0.07, True),
     "real samples": (REAL, {}, 0.006, 0.008, True),
 }
 
@@ -277,9 +282,9 @@ def test_means_are_those_of_samples_without_noise(
     navigation: NavigationData, case: tuple[FrontEnd, dict[str, object], float, float, bool]
 ) -> None:
     front_end, changes, middle_s, coherent_s, wiped = case
-    scene = overlapping(navigation, front_end, **changes)
+    scene = make_overlapping(navigation, front_end, **changes)
     tracked = align_channels(scene, 0)
-    found = heard_without_noise(scene, tracked, middle_s, coherent_s, wiped=wiped)
+    found = average_correlations(scene, tracked, middle_s, coherent_s, wiped=wiped)
     outputs = correlate(
         scene,
         0,
@@ -304,7 +309,7 @@ def test_other_satellites_are_the_noise_that_they_are_said_to_be(
     scene = make_scene(clean, navigation)
     tracked = align_channels(scene, 0)
     middles_s = 0.003 + 0.0072 * np.arange(4)
-    found = np.stack([heard_without_noise(scene, tracked, middle_s, 0.001) for middle_s in middles_s])
+    found = np.stack([average_correlations(scene, tracked, middle_s, 0.001) for middle_s in middles_s])
     alone = correlate(
         scene,
         0,
@@ -325,7 +330,7 @@ def test_other_satellites_are_the_noise_that_they_are_said_to_be(
 
 
 def test_truth_is_attached(navigation: NavigationData) -> None:
-    scene = overlapping(navigation, FILTERED)
+    scene = make_overlapping(navigation, FILTERED)
     sky = scene.skies[0]
     parts = correlate(scene, 0, [0.02, 0.1], delays_chips=[0.0]).parts
     true_s = np.array([0.02, 0.1]) + sky.true_minus_elapsed_s(np.array([0.02, 0.1]))
@@ -347,7 +352,7 @@ def test_truth_is_attached(navigation: NavigationData) -> None:
 
 def test_replicas_may_stand_anywhere(navigation: NavigationData) -> None:
     # A replica moved later and higher sees everything earlier and lower.
-    scene = overlapping(navigation, FILTERED)
+    scene = make_overlapping(navigation, FILTERED)
     carrier_hz = scene.skies[0].signal.carrier_hz
     moved = align_channels(scene, 0, [0]).move(code_s=0.25 / 1.023e6, doppler_hz=12.0, carrier_hz=carrier_hz)
     parts = correlate(scene, 0, [0.1], delays_chips=[0.0], tracked=moved).parts
@@ -361,7 +366,7 @@ def test_replicas_may_stand_anywhere(navigation: NavigationData) -> None:
 
 
 def test_taps_are_absent_while_their_signal_is(navigation: NavigationData) -> None:
-    scene = overlapping(navigation, FILTERED, attacks=attacked(onset_s=0.05))
+    scene = make_overlapping(navigation, FILTERED, attacks=make_attacked(onset_s=0.05))
     outputs = correlate(scene, 0, [0.02, 0.1], delays_chips=TAPS_CHIPS, rng=np.random.default_rng(1), draws=(2,))
     taps = outputs.taps(1)
     assert taps.value.shape == (2, 2, 1, 9)
@@ -370,7 +375,7 @@ def test_taps_are_absent_while_their_signal_is(navigation: NavigationData) -> No
 
 
 def test_the_same_generator_gives_the_same_outputs(navigation: NavigationData) -> None:
-    scene = overlapping(navigation, FILTERED)
+    scene = make_overlapping(navigation, FILTERED)
     one, other = (
         correlate(scene, 0, [0.02, 0.1], delays_chips=TAPS_CHIPS, rng=np.random.default_rng(5), draws=(2, 3)).value
         for _ in range(2)
@@ -393,7 +398,7 @@ def test_a_triangle_without_a_filter_and_less_with_one() -> None:
 @pytest.mark.parametrize("kind", ["filtered", "chips"])
 def test_channels_on_one_replica_hear_one_noise(navigation: NavigationData, kind: Replica) -> None:
     # Three hypotheses of one signal: two in one place, one three taps later; many taps, and so nearly singular.
-    scene = overlapping(navigation, FILTERED)
+    scene = make_overlapping(navigation, FILTERED)
     for columns in ([0, 0], [0, 0, 0]):
         shift_chips = np.array([0.0, 0.0, 0.15])[: len(columns)]
         tracked = align_channels(scene, 0, columns).move(code_s=shift_chips / 1.023e6, carrier_hz=1575.42e6)
@@ -416,7 +421,7 @@ def test_channels_on_one_replica_hear_one_noise(navigation: NavigationData, kind
 
 def test_the_short_way_for_two_channels_is_the_long_one(navigation: NavigationData) -> None:
     # Without Doppler taps two channels' noise is drawn by other steps: the same law.
-    scene = overlapping(navigation, FILTERED)
+    scene = make_overlapping(navigation, FILTERED)
     draws = 20_000
     found = []
     for offsets_hz in ([0.0], [0.0, 30.0]):

@@ -47,17 +47,17 @@ FRONT_ENDS = [
 ]
 
 
-def named(front_end: FrontEnd) -> str:
+def name_files(front_end: FrontEnd) -> str:
     return f"{front_end.kind}-{front_end.encoding}-{front_end.bits}"
 
 
-def fits(front_end: FrontEnd) -> bool:
+def is_fitting(front_end: FrontEnd) -> bool:
     return front_end.bits >= 8
 
 
 @pytest.fixture(scope="module")
 def arrays(scenario: Scenario) -> Scenario:
-    """Two antennas on a car that drives, with an inertial unit; an attack that pauses; interference."""
+    """Write two antennas on a car that drives, with an inertial unit, an attack that pauses, and interference."""
     one, two = scenario.receivers
     (meaconer,) = scenario.attacks
     site = one.model_dump(exclude={"heading_deg", "pitch_deg", "roll_deg", "path", "antennas", "imu"})
@@ -92,9 +92,9 @@ def arrays(scenario: Scenario) -> Scenario:
         (front_end, container)
         for front_end in FRONT_ENDS
         for container in ("raw", "sigmf")
-        if container == "raw" or fits(front_end)
+        if container == "raw" or is_fitting(front_end)
     ],
-    ids=lambda value: named(value) if isinstance(value, FrontEnd) else value,
+    ids=lambda value: name_files(value) if isinstance(value, FrontEnd) else value,
 )
 def test_files_hold_what_the_samples_in_memory_hold(
     scenario: Scenario, navigation: NavigationData, front_end: FrontEnd, container: str, tmp_path: Path
@@ -116,11 +116,11 @@ def test_files_hold_what_the_samples_in_memory_hold(
     assert stored == count_sample_octets(scenario)
 
 
-@pytest.mark.parametrize("front_end", FRONT_ENDS, ids=named)
+@pytest.mark.parametrize("front_end", FRONT_ENDS, ids=name_files)
 def test_sigmf_is_the_default_where_it_can_hold_the_samples(front_end: FrontEnd) -> None:
-    assert choose_container(front_end) == ("sigmf" if fits(front_end) else "raw")
+    assert choose_container(front_end) == ("sigmf" if is_fitting(front_end) else "raw")
     assert choose_container(front_end, "raw") == "raw"
-    if not fits(front_end):
+    if not is_fitting(front_end):
         with pytest.raises(SettingsError, match='encoding = "int"'):
             choose_container(front_end, "sigmf")
 

@@ -41,13 +41,13 @@ class Motion:
     angular_rate_body_rad_s: np.ndarray
 
 
-def seconds(series):
-    """Since the scene's start."""
+def count_seconds(series):
+    """Count seconds since the scene's start."""
     return seconds_between(series.gpst, GPS_EPOCH)
 
 
-def motion_of(path, angles):
-    """Motion of east, north, up (3, 3, n) and yaw, pitch, roll (2, 3, n), each with its derivatives."""
+def make_motion(path, angles):
+    """Make a motion of east, north, up (3, 3, n) and yaw, pitch, roll (2, 3, n), with their derivatives."""
     position, velocity, acceleration = (each.T @ TO_ECEF.T for each in path)
     (yaw, pitch, roll), (yaw_rate, pitch_rate, roll_rate) = angles
     attitude = TO_ECEF @ Rotation.from_euler("ZYX", np.stack([yaw, pitch, roll], axis=-1)).as_matrix()
@@ -62,53 +62,56 @@ def motion_of(path, angles):
     return Motion(ORIGIN_M + position, velocity, acceleration, attitude, rate)
 
 
-def wave(amplitude, rate_rad_s, phase_rad, t_s):
-    """A sine and its first two derivatives."""
+def make_wave(amplitude, rate_rad_s, phase_rad, t_s):
+    """Return a sine and its first two derivatives."""
     angle = rate_rad_s * t_s + phase_rad
     return amplitude * np.stack([np.sin(angle), rate_rad_s * np.cos(angle), -(rate_rad_s**2) * np.sin(angle)])
 
 
-def static(t_s):
-    return motion_of(np.zeros((3, 3, t_s.size)), np.zeros((2, 3, t_s.size)) + [[[0.7], [0.1], [-0.2]], [[0]] * 3])
+def make_static(t_s):
+    return make_motion(np.zeros((3, 3, t_s.size)), np.zeros((2, 3, t_s.size)) + [[[0.7], [0.1], [-0.2]], [[0]] * 3])
 
 
-def turntable(t_s):
-    """Level, still, and turning about the down axis ever faster."""
+def make_turntable(t_s):
+    """Make a level body that stands and turns about the down axis ever faster."""
     angles = np.zeros((2, 3, t_s.size))
     angles[0, 0], angles[1, 0] = 0.5 * 0.02 * t_s**2, 0.02 * t_s
-    return motion_of(np.zeros((3, 3, t_s.size)), angles)
+    return make_motion(np.zeros((3, 3, t_s.size)), angles)
 
 
-def circle(t_s):
-    path = np.stack([wave(500.0, 0.1, 0.5 * np.pi, t_s), wave(500.0, 0.1, 0.0, t_s), 0.0 * wave(1, 1, 0, t_s)], axis=1)
+def make_circle(t_s):
+    path = np.stack(
+        [make_wave(500.0, 0.1, 0.5 * np.pi, t_s), make_wave(500.0, 0.1, 0.0, t_s), 0.0 * make_wave(1, 1, 0, t_s)],
+        axis=1,
+    )
     angles = np.zeros((2, 3, t_s.size))
     angles[0, 0], angles[1, 0], angles[0, 2] = 0.1 * t_s, 0.1, 0.4
-    return motion_of(path, angles)
+    return make_motion(path, angles)
 
 
-def figure(t_s):
-    """Kilometres of eights and climbs at up to 124 m/s and 1.3 g, with rolling, nodding and a 3 Hz shaking."""
+def make_figure(t_s):
+    """Make kilometres of eights and climbs at up to 124 m/s and 1.3 g, with roll, pitch and a 3 Hz vibration."""
     path = np.stack(
         [
-            wave(1500.0, 0.06, 0.0, t_s) + wave(5e-3, 19.0, 0.3, t_s),
-            wave(700.0, 0.12, 0.2, t_s),
-            wave(150.0, 0.07, 1.0, t_s) + wave(2.0, 1.7, 0.0, t_s),
+            make_wave(1500.0, 0.06, 0.0, t_s) + make_wave(5e-3, 19.0, 0.3, t_s),
+            make_wave(700.0, 0.12, 0.2, t_s),
+            make_wave(150.0, 0.07, 1.0, t_s) + make_wave(2.0, 1.7, 0.0, t_s),
         ],
         axis=1,
     )
     angles = np.stack(
         [
-            (wave(3.0, 0.09, 0.4, t_s) + wave(2e-3, 19.0, 0.0, t_s))[:2],
-            wave(0.5, 0.23, 0.0, t_s)[:2],
-            (wave(1.0, 0.31, 0.0, t_s) + wave(2e-3, 19.0, 1.5, t_s))[:2],
+            (make_wave(3.0, 0.09, 0.4, t_s) + make_wave(2e-3, 19.0, 0.0, t_s))[:2],
+            make_wave(0.5, 0.23, 0.0, t_s)[:2],
+            (make_wave(1.0, 0.31, 0.0, t_s) + make_wave(2e-3, 19.0, 1.5, t_s))[:2],
         ],
         axis=1,
     )
-    return motion_of(path, angles)
+    return make_motion(path, angles)
 
 
-def reference_strapdown(series, start, lever_m=(0.0, 0.0, 0.0)):
-    """Positions (n + 1, 3) and attitudes in ECEF at the intervals' ends, from increments and the state at the start.
+def integrate_reference(series, start, lever_m=(0.0, 0.0, 0.0)):
+    """Integrate positions (n + 1, 3) and attitudes in ECEF from increments and the state at the start.
 
     In inertial axes, which know neither Coriolis nor transport terms: splines through the summed increments give rate
     and force at quarters of the intervals; a fourth-order Magnus step turns the attitude; a quintic spline of the
@@ -154,17 +157,17 @@ def reference_strapdown(series, start, lever_m=(0.0, 0.0, 0.0)):
 @pytest.mark.parametrize(
     ("motion_at", "lever_m"),
     [
-        (static, (0.0, 0.0, 0.0)),
-        (circle, (0.0, 0.0, 0.0)),
-        (figure, (0.0, 0.0, 0.0)),
-        (figure, (1.5, -0.4, 0.8)),
+        (make_static, (0.0, 0.0, 0.0)),
+        (make_circle, (0.0, 0.0, 0.0)),
+        (make_figure, (0.0, 0.0, 0.0)),
+        (make_figure, (1.5, -0.4, 0.8)),
     ],
 )
 def test_error_free_readings_return_the_trajectory_over_233_s(motion_at, lever_m):
     unit = simulate_inertial(motion_at, rate_hz=100.0, duration_s=233.0, lever_body_m=lever_m)
     series = unit.read(0, unit.n_samples)
-    position_m, attitude = reference_strapdown(series, motion_at(np.zeros(1)), lever_m)
-    truth = motion_at(np.concatenate([[0.0], seconds(series)]))
+    position_m, attitude = integrate_reference(series, motion_at(np.zeros(1)), lever_m)
+    truth = motion_at(np.concatenate([[0.0], count_seconds(series)]))
     assert np.abs(position_m - truth.position_ecef_m).max() < 1e-4  # 0.013 mm at most
     assert np.abs(attitude - truth.attitude).max() < 1e-9
 
@@ -175,14 +178,14 @@ def test_the_approach_and_banked_turns_come_back_too():
     for trajectory in (make_las_vegas(), course):
         unit = simulate_inertial(trajectory.at, rate_hz=100.0, duration_s=233.0, lever_body_m=(1.5, -0.4, 0.8))
         series = unit.read(0, unit.n_samples)
-        position_m, _ = reference_strapdown(series, trajectory.at(np.zeros(1)), (1.5, -0.4, 0.8))
-        truth = trajectory.at(np.concatenate([[0.0], seconds(series)]))
+        position_m, _ = integrate_reference(series, trajectory.at(np.zeros(1)), (1.5, -0.4, 0.8))
+        truth = trajectory.at(np.concatenate([[0.0], count_seconds(series)]))
         assert np.abs(position_m - truth.position_ecef_m).max() < 1e-3
 
 
 def test_at_rest_it_feels_gravity_and_the_earths_rotation():
-    series = simulate_inertial(static, rate_hz=50.0, duration_s=2.0).read(0, 100)
-    attitude = static(np.zeros(1)).attitude[0]
+    series = simulate_inertial(make_static, rate_hz=50.0, duration_s=2.0).read(0, 100)
+    attitude = make_static(np.zeros(1)).attitude[0]
     gravity = compute_gravity_m_s2(ORIGIN_M)
     np.testing.assert_allclose(series.specific_force_m_s2, np.tile(-attitude.T @ gravity, (100, 1)), atol=1e-12)
     np.testing.assert_allclose(series.angular_rate_rad_s, np.tile(attitude.T[:, 2] * EARTH_RAD_S, (100, 1)), rtol=1e-12)
@@ -193,7 +196,8 @@ def test_at_rest_it_feels_gravity_and_the_earths_rotation():
 def test_on_a_turntable_the_lever_arm_adds_acceleration():
     lever_m = np.array([2.0, 0.0, 0.0])
     near, far = (
-        simulate_inertial(turntable, rate_hz=10.0, duration_s=60.0, lever_body_m=at) for at in (np.zeros(3), lever_m)
+        simulate_inertial(make_turntable, rate_hz=10.0, duration_s=60.0, lever_body_m=at)
+        for at in (np.zeros(3), lever_m)
     )
     more = far.read(0, 600).specific_force_m_s2 - near.read(0, 600).specific_force_m_s2
     begin_s, end_s = 0.1 * np.arange(600), 0.1 * np.arange(1, 601)
@@ -204,7 +208,7 @@ def test_on_a_turntable_the_lever_arm_adds_acceleration():
 
 def test_readings_are_means_over_intervals_that_end_there():
     fine, coarse = (
-        simulate_inertial(figure, rate_hz=rate_hz, duration_s=4.0).read(0, 9999) for rate_hz in (200.0, 5.0)
+        simulate_inertial(make_figure, rate_hz=rate_hz, duration_s=4.0).read(0, 9999) for rate_hz in (200.0, 5.0)
     )
     assert np.array_equal(coarse.gpst, fine.gpst[39::40])
     for name in ("specific_force_m_s2", "angular_rate_rad_s"):
@@ -215,15 +219,15 @@ def test_readings_are_means_over_intervals_that_end_there():
 def test_mounting_turns_the_axes_but_not_the_sensor_errors():
     rotation = Rotation.from_euler("ZYX", [0.3, -1.0, 2.0]).as_matrix()
     plain, turned = (
-        simulate_inertial(figure, rate_hz=100.0, duration_s=5.0, mounting=m).read(0, 500) for m in (None, rotation)
+        simulate_inertial(make_figure, rate_hz=100.0, duration_s=5.0, mounting=m).read(0, 500) for m in (None, rotation)
     )
     np.testing.assert_allclose(turned.specific_force_m_s2, plain.specific_force_m_s2 @ rotation.T, atol=1e-12)
     np.testing.assert_allclose(turned.angular_rate_rad_s, plain.angular_rate_rad_s @ rotation.T, atol=1e-12)
     grade = replace(GRADES["tactical"], accelerometer_scale=0.0, gyro_scale=0.0, misalignment_rad=0.0)
-    wrong = simulate_inertial(figure, rate_hz=100.0, duration_s=5.0, mounting=rotation, grade=grade, seed=4).read(
+    wrong = simulate_inertial(make_figure, rate_hz=100.0, duration_s=5.0, mounting=rotation, grade=grade, seed=4).read(
         0, 500
     )
-    other = simulate_inertial(figure, rate_hz=100.0, duration_s=5.0, grade=grade, seed=4).read(0, 500)
+    other = simulate_inertial(make_figure, rate_hz=100.0, duration_s=5.0, grade=grade, seed=4).read(0, 500)
     np.testing.assert_allclose(
         wrong.specific_force_m_s2 - turned.specific_force_m_s2,
         other.specific_force_m_s2 - plain.specific_force_m_s2,
@@ -236,7 +240,7 @@ def test_mounting_turns_the_axes_but_not_the_sensor_errors():
 def test_the_same_bytes_come_for_any_request_and_order(cuts, order):
     def make():
         return simulate_inertial(
-            circle, rate_hz=100.0, duration_s=90.0, grade="tactical", seed=7, lever_body_m=(1.0, 0.0, 0.0)
+            make_circle, rate_hz=100.0, duration_s=90.0, grade="tactical", seed=7, lever_body_m=(1.0, 0.0, 0.0)
         )
 
     whole, fresh = make().read(0, 9000), make()
@@ -252,11 +256,11 @@ def test_the_same_bytes_come_for_any_request_and_order(cuts, order):
 def test_blocks_are_the_whole_one_after_the_other():
     asked = []
 
-    def watched(t_s):
+    def watch(t_s):
         asked.append(t_s.max())
-        return static(t_s)
+        return make_static(t_s)
 
-    unit = simulate_inertial(watched, rate_hz=100.0, duration_s=125.0, grade="navigation")
+    unit = simulate_inertial(watch, rate_hz=100.0, duration_s=125.0, grade="navigation")
     blocks = unit.blocks(1000)
     first = next(blocks)
     assert len(asked) == 1
@@ -271,16 +275,16 @@ def test_blocks_are_the_whole_one_after_the_other():
 def test_the_motion_is_asked_for_few_times_at_once_at_any_rate(rate_hz):
     asked = []
 
-    def watched(t_s):
+    def watch(t_s):
         asked.append(t_s.size)
-        return static(t_s)
+        return make_static(t_s)
 
-    simulate_inertial(watched, rate_hz=rate_hz, duration_s=30.0).read(0, 100)
+    simulate_inertial(watch, rate_hz=rate_hz, duration_s=30.0).read(0, 100)
     assert max(asked) <= 4 * BLOCK
 
 
 def test_it_is_short_at_the_end_only():
-    unit = simulate_inertial(static, rate_hz=10.0, duration_s=5.0)
+    unit = simulate_inertial(make_static, rate_hz=10.0, duration_s=5.0)
     assert len(unit.read(45, 10).gpst) == 5
     assert len(unit.read(50, 10).gpst) == len(unit.read(70, 10).gpst) == 0
     with pytest.raises(ValueError, match="negative"):
@@ -288,8 +292,8 @@ def test_it_is_short_at_the_end_only():
 
 
 def test_start_of_the_unit_shifts_its_times():
-    unit = simulate_inertial(figure, rate_hz=100.0, duration_s=3.0, start_s=2.0)
-    later = simulate_inertial(figure, rate_hz=100.0, duration_s=5.0)
+    unit = simulate_inertial(make_figure, rate_hz=100.0, duration_s=3.0, start_s=2.0)
+    later = simulate_inertial(make_figure, rate_hz=100.0, duration_s=5.0)
     assert np.array_equal(unit.read(0, 300).gpst, later.read(200, 300).gpst)
     np.testing.assert_allclose(
         unit.read(0, 300).specific_force_m_s2, later.read(200, 300).specific_force_m_s2, atol=1e-9
@@ -299,7 +303,7 @@ def test_start_of_the_unit_shifts_its_times():
 # --- errors
 
 
-def errors(grade, rate_hz, count, seed):
+def draw_errors(grade, rate_hz, count, seed):
     made = ImuErrors.of(grade, rate_hz, -(-count // BLOCK), seed)
     return np.concatenate([made.drawn(block) for block in range(-(-count // BLOCK))])[:count]
 
@@ -323,7 +327,7 @@ def test_noise_density_is_the_grades(name):
     # White noise alone stands at 0.02 to 0.5 s; counts in the limits of each axis and seed, two-sided.
     grade = replace(GRADES[name], accelerometer_instability_m_s2=0.0, gyro_instability_rad_s=0.0)
     rate_hz, factors = 100.0, [1, 7, 50]
-    runs = np.stack([errors(grade, rate_hz, 3000, seed) for seed in range(25)])
+    runs = np.stack([draw_errors(grade, rate_hz, 3000, seed) for seed in range(25)])
     phase = np.concatenate([np.zeros((25, 1, 6)), np.cumsum(runs, axis=1) / rate_hz], axis=1)
     got = allan_deviation(np.moveaxis(phase, 1, 2), 1.0 / rate_hz, factors, confidence=0.8)
     want = np.stack(
@@ -342,7 +346,7 @@ def test_noise_density_is_the_grades(name):
 def test_allan_deviation_with_instability_is_the_grades(name):
     # From 10 s to 2000 s, where the instability stands out of the noise; mean variances of 40 units, two-sided.
     grade, rate_hz, factors = GRADES[name], 0.5, [5, 50, 280, 1000]
-    runs = np.stack([errors(grade, rate_hz, 5000, seed) for seed in range(40)])
+    runs = np.stack([draw_errors(grade, rate_hz, 5000, seed) for seed in range(40)])
     phase = np.concatenate([np.zeros((40, 1, 6)), np.cumsum(runs, axis=1) / rate_hz], axis=1)
     got = allan_deviation(np.moveaxis(phase, 1, 2), 1.0 / rate_hz, factors)
     for columns, want in (
@@ -364,7 +368,7 @@ def test_instability_has_its_deviation_and_time_at_any_rate():
     )
     for rate_hz in (1.0, 40.0):
         lag = int(50.0 * rate_hz)
-        ends = np.stack([errors(grade, rate_hz, lag + 1, seed)[[0, lag]] for seed in range(250)])
+        ends = np.stack([draw_errors(grade, rate_hz, lag + 1, seed)[[0, lag]] for seed in range(250)])
         squares = np.sum((ends / [2.0, 2.0, 2.0, 3.0, 3.0, 3.0]) ** 2, axis=0)
         assert ((stats.chi2.ppf(1e-4, 250) < squares) & (squares < stats.chi2.isf(1e-4, 250))).all()
         correlation = np.mean(ends[:, 0] * ends[:, 1], axis=0).reshape(2, 3).mean(axis=1) / [4.0, 9.0]
@@ -379,7 +383,7 @@ def test_instability_goes_on_from_block_to_block():
         gyro_instability_rad_s=1.0,
         correlation_s=1e4,
     )
-    steps = np.diff(errors(grade, 1.0, 3 * BLOCK, seed=1), axis=0)
+    steps = np.diff(draw_errors(grade, 1.0, 3 * BLOCK, seed=1), axis=0)
     assert np.abs(steps[[BLOCK - 1, 2 * BLOCK - 1]]).max() < 5.0 * np.sqrt(2.0 / 1e4)
 
 
@@ -404,7 +408,8 @@ def test_constant_errors_have_the_stated_spread():
         assert 1e-4 < stats.chi2.cdf(np.sum(values**2), values.size) < 1.0 - 1e-4
 
     clean, wrong = (
-        simulate_inertial(circle, rate_hz=20.0, duration_s=5.0, grade=g, seed=3).read(0, 100) for g in (None, grade)
+        simulate_inertial(make_circle, rate_hz=20.0, duration_s=5.0, grade=g, seed=3).read(0, 100)
+        for g in (None, grade)
     )
     unit = ImuErrors.of(grade, 20.0, 1, 3)
     for part, name in enumerate(("specific_force_m_s2", "angular_rate_rad_s")):
@@ -417,7 +422,7 @@ def test_errors_grow_as_the_closed_forms_predict():
     # Velocity random walk q gives q sqrt(t^3 / 3) of position; of 300 axes, two-sided.
     grade = replace(GRADES["tactical"], accelerometer_instability_m_s2=0.0)
     drift_m = [
-        np.cumsum(np.cumsum(errors(grade, 10.0, 1000, seed)[:, :3], axis=0) / 10.0, axis=0)[-1] / 10.0
+        np.cumsum(np.cumsum(draw_errors(grade, 10.0, 1000, seed)[:, :3], axis=0) / 10.0, axis=0)[-1] / 10.0
         for seed in range(100)
     ]
     squares = np.sum(np.square(drift_m)) / (1e-6 * 100.0**3 / 3.0)
@@ -426,7 +431,7 @@ def test_errors_grow_as_the_closed_forms_predict():
 
 def test_units_and_seeds_are_set_apart():
     made = [
-        simulate_inertial(static, rate_hz=10.0, duration_s=5.0, grade="tactical", seed=seed, stream=stream)
+        simulate_inertial(make_static, rate_hz=10.0, duration_s=5.0, grade="tactical", seed=seed, stream=stream)
         for seed, stream in ((1, 0), (1, 1), (2, 0), (1, 0))
     ]
     forces = [unit.read(0, 50).specific_force_m_s2.tobytes() for unit in made]
@@ -450,4 +455,4 @@ def test_units_and_seeds_are_set_apart():
 )
 def test_what_makes_no_sense_is_refused(arguments, words):
     with pytest.raises(ScenarioError, match=words):
-        simulate_inertial(static, **{"rate_hz": 100.0, "duration_s": 1.0, **arguments})
+        simulate_inertial(make_static, **{"rate_hz": 100.0, "duration_s": 1.0, **arguments})

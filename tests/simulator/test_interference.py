@@ -26,18 +26,18 @@ TABLE: dict[str, Any] = {
 }
 
 
-def recording(navigation: NavigationData, **changes: Any) -> Any:
+def make_recording(navigation: NavigationData, **changes: Any) -> Any:
     return render_samples(parse_scenario(TABLE | changes), navigation)[0]
 
 
-def jammed(navigation: NavigationData, **source: Any) -> np.ndarray:
-    read = recording(navigation, interference=[{"transmit": TRANSMIT, **source}]).read
+def jam(navigation: NavigationData, **source: Any) -> np.ndarray:
+    read = make_recording(navigation, interference=[{"transmit": TRANSMIT, **source}]).read
     planes = read(0, int(2 * RATE_HZ)).astype(np.float64)
     return planes[0] + 1j * planes[1]
 
 
 def test_a_line_has_the_power_and_the_frequency_asked_for(navigation: NavigationData) -> None:
-    samples = jammed(navigation, kind="cw", power_db=6.0, offset_hz=123_456.0, onset_s=0.5)
+    samples = jam(navigation, kind="cw", power_db=6.0, offset_hz=123_456.0, onset_s=0.5)
     quiet, loud = samples[: int(0.49 * RATE_HZ)], samples[int(0.51 * RATE_HZ) : int(1.51 * RATE_HZ)]
     assert np.mean(np.abs(quiet) ** 2) == pytest.approx(2.0, rel=0.01)
     assert np.mean(np.abs(loud) ** 2) == pytest.approx(2.0 * (1.0 + 10.0**0.6), rel=0.01)
@@ -49,7 +49,7 @@ def test_a_line_has_the_power_and_the_frequency_asked_for(navigation: Navigation
 
 
 def test_a_line_does_not_step_from_chunk_to_chunk(navigation: NavigationData) -> None:
-    samples = jammed(navigation, kind="cw", power_db=60.0, offset_hz=100_000.0)
+    samples = jam(navigation, kind="cw", power_db=60.0, offset_hz=100_000.0)
     turned = np.unwrap(np.angle(samples)) / (2.0 * np.pi)
     line = np.polynomial.Polynomial.fit(np.arange(turned.size), turned, 2)(np.arange(turned.size))
     assert np.std(turned - line) == pytest.approx(1.0 / np.sqrt(2e6) / (2.0 * np.pi), rel=0.1)
@@ -59,7 +59,7 @@ def test_a_line_does_not_step_from_chunk_to_chunk(navigation: NavigationData) ->
 
 
 def test_a_chirp_sweeps_its_band(navigation: NavigationData) -> None:
-    samples = jammed(navigation, kind="chirp", power_db=40.0, offset_hz=50_000.0, sweep_hz=400_000.0, period_s=1e-3)
+    samples = jam(navigation, kind="chirp", power_db=40.0, offset_hz=50_000.0, sweep_hz=400_000.0, period_s=1e-3)
     rate_hz = np.diff(np.unwrap(np.angle(samples))) / (2.0 * np.pi) * RATE_HZ
     low_hz, high_hz = np.quantile(rate_hz, [0.002, 0.998])
     assert low_hz == pytest.approx(-150_000.0, abs=6000.0)
@@ -93,7 +93,7 @@ def test_noise_rises_by_what_is_asked_and_falls_with_distance(navigation: Naviga
 def test_the_gain_follows_the_power_only_where_it_is_asked_to(navigation: NavigationData, agc: bool) -> None:
     front_end = {"rate_hz": RATE_HZ, "encoding": "int", "bits": 16, "agc": agc}
     source = {"kind": "noise", "transmit": TRANSMIT, "power_db": 6.0, "onset_s": 1.0}
-    planes = recording(navigation, front_end=front_end, interference=[source]).read(0, int(2 * RATE_HZ))
+    planes = make_recording(navigation, front_end=front_end, interference=[source]).read(0, int(2 * RATE_HZ))
     before, after = (np.std(planes[:, int(a * RATE_HZ) : int(b * RATE_HZ)]) for a, b in ((0.1, 0.9), (1.1, 1.9)))
     assert before == pytest.approx(4096.0, rel=0.01)
     assert after == pytest.approx(4096.0 if agc else 4096.0 * np.sqrt(1.0 + 10.0**0.6), rel=0.02)
@@ -163,7 +163,7 @@ def test_a_pause_of_an_attack_is_silent_to_the_sample(navigation: NavigationData
 
 
 def test_blocks_of_any_size_give_the_same_samples(navigation: NavigationData) -> None:
-    recorded = recording(
+    recorded = make_recording(
         navigation,
         front_end={"rate_hz": RATE_HZ, "encoding": "int", "bits": 8, "agc": True, "bandwidth_hz": 1.6e6},
         receivers=[

@@ -39,27 +39,27 @@ WAY = ecef_from_enu([[0, 0, 0], [500, 0, 0], [500, 400, 20], [0, 800, 20], [100,
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
-def enu(ecef_m):
+def convert_enu(ecef_m):
     return (np.asarray(ecef_m) - HOME) @ ROT_ENU.T
 
 
-def speeds(motion):
+def list_speeds(motion):
     return np.linalg.norm(motion.velocity_ecef_m_s, axis=1)
 
 
-def angles_deg(motion):
+def list_angles_deg(motion):
     return np.degrees(np.stack(heading_pitch_roll_rad(motion.position_ecef_m, motion.attitude), axis=-1))
 
 
-def integrals(trajectory, t_s, name):
-    """The integral of a field from the first of the times to each later one, by Gauss-Legendre between them."""
+def integrate(trajectory, t_s, name):
+    """Integrate a field from the first of the times to each later one, by Gauss-Legendre between them."""
     step_s = np.diff(t_s)[:, np.newaxis]
     moments_s = t_s[:-1, np.newaxis] + 0.5 * step_s * (1.0 + NODES)
     values = getattr(trajectory.at(moments_s.ravel()), name).reshape(*moments_s.shape, 3)
     return np.cumsum(0.5 * step_s * np.einsum("tni,n->ti", values, WEIGHTS), axis=0)
 
 
-def sampled(**more):
+def sample(**more):
     t_s = np.arange(0.0, 241.0)
     return from_samples(t_s, make_way_points(WAY, 15.0).at(t_s).position_ecef_m, **more)
 
@@ -74,7 +74,7 @@ EVERY = {
     "circle anticlockwise": make_circle(HOME, 80.0, 12.0, clockwise=False),
     "approach": make_las_vegas(),
     "false approach": make_las_vegas_false(),
-    "samples": sampled(),
+    "samples": sample(),
 }
 ALL = pytest.mark.parametrize("trajectory", EVERY.values(), ids=EVERY.keys())
 
@@ -84,9 +84,9 @@ def test_velocity_integrates_to_the_place_to_a_micrometre(trajectory):
     t_s = np.linspace(0.0, 240.0, 6001)
     motion = trajectory.at(t_s)
     gone_m = motion.position_ecef_m[1:] - motion.position_ecef_m[0]
-    assert np.abs(integrals(trajectory, t_s, "velocity_ecef_m_s") - gone_m).max() < 1e-6
+    assert np.abs(integrate(trajectory, t_s, "velocity_ecef_m_s") - gone_m).max() < 1e-6
     gained_m_s = motion.velocity_ecef_m_s[1:] - motion.velocity_ecef_m_s[0]
-    assert np.abs(integrals(trajectory, t_s, "acceleration_ecef_m_s2") - gained_m_s).max() < 1e-7
+    assert np.abs(integrate(trajectory, t_s, "acceleration_ecef_m_s2") - gained_m_s).max() < 1e-7
 
 
 @ALL
@@ -100,7 +100,7 @@ def test_rates_are_those_of_the_attitude(trajectory):
     assert np.abs(rate_rad_s - motion.angular_rate_body_rad_s).max() < 1e-7
     t_s = np.linspace(0.0, 240.0, 24_001)
     gained = np.diff(trajectory.at(t_s[[0, -1]]).angular_rate_body_rad_s, axis=0)[0]
-    assert np.abs(integrals(trajectory, t_s, "angular_acceleration_body_rad_s2")[-1] - gained).max() < 1e-6
+    assert np.abs(integrate(trajectory, t_s, "angular_acceleration_body_rad_s2")[-1] - gained).max() < 1e-6
 
 
 @ALL
@@ -159,24 +159,24 @@ def test_angles_of_an_attitude_are_those_it_was_made_of(heading_deg, pitch_deg, 
 
 def test_a_held_attitude_keeps_its_angles_along_the_way():
     motion = EVERY["way points, held"].at(np.linspace(0.0, 200.0, 50))
-    np.testing.assert_allclose(angles_deg(motion), np.degrees([[1.0, 0.1, -0.2]] * 50), atol=1e-6)
+    np.testing.assert_allclose(list_angles_deg(motion), np.degrees([[1.0, 0.1, -0.2]] * 50), atol=1e-6)
 
 
 def test_the_nose_points_along_the_way_and_a_plumb_hangs():
     motion = EVERY["way points"].at(np.linspace(20.0, 200.0, 1000))
-    forward = motion.velocity_ecef_m_s / speeds(motion)[:, np.newaxis]
+    forward = motion.velocity_ecef_m_s / list_speeds(motion)[:, np.newaxis]
     np.testing.assert_allclose(motion.attitude[:, :, 0], forward, atol=1e-9)
     up = rot_enu_ecef(*geodetic_from_ecef(motion.position_ecef_m)[:2])[:, 2]
     aside = np.einsum("ni,ni->n", motion.attitude[:, :, 1], motion.acceleration_ecef_m_s2 + 9.80665 * up)
     assert np.abs(aside).max() < 1e-5
-    assert np.abs(angles_deg(motion)[:, 2]).max() > 10.0  # it did bank
+    assert np.abs(list_angles_deg(motion)[:, 2]).max() > 10.0  # it did bank
 
 
 def test_without_bank_and_pitch_the_body_stays_level():
-    level = angles_deg(EVERY["way points, level nose"].at(np.linspace(0.0, 240.0, 500)))
+    level = list_angles_deg(EVERY["way points, level nose"].at(np.linspace(0.0, 240.0, 500)))
     assert np.abs(level[:, 1]).max() < 1e-5
     assert np.abs(level[:, 2]).max() > 10.0
-    unbanked = angles_deg(EVERY["way points straight in space, no bank"].at(np.linspace(0.0, 240.0, 500)))
+    unbanked = list_angles_deg(EVERY["way points straight in space, no bank"].at(np.linspace(0.0, 240.0, 500)))
     assert np.abs(unbanked[:, 2]).max() < 1e-5
     assert unbanked[:, 1].max() == pytest.approx(np.degrees(np.arctan(20 / 400)), abs=0.01)
 
@@ -189,17 +189,17 @@ def test_a_way_begins_and_ends_at_rest_at_its_ends():
     end_s = 3.0 + way.curve.duration_s
     motion = way.at([0.0, 3.0, end_s, end_s + 60.0])
     np.testing.assert_allclose(motion.position_ecef_m, WAY[[0, 0, -1, -1]], atol=1e-7)
-    np.testing.assert_allclose(speeds(motion), 0.0, atol=1e-12)
-    assert speeds(way.at([3.5, end_s - 0.5])).min() > 1e-4
-    np.testing.assert_allclose(angles_deg(motion)[[0, 3], 0], [90.0, 0.0573], atol=0.01)  # as the way leads there
+    np.testing.assert_allclose(list_speeds(motion), 0.0, atol=1e-12)
+    assert list_speeds(way.at([3.5, end_s - 0.5])).min() > 1e-4
+    np.testing.assert_allclose(list_angles_deg(motion)[[0, 3], 0], [90.0, 0.0573], atol=0.01)  # as the way leads there
 
 
 def test_a_way_in_motion_comes_in_and_goes_on_straight():
     way = make_way_points(WAY, 15.0, from_rest=False, to_rest=False, start_s=3.0, level=False)
     motion = way.at([1.0, 3.0, 3.0 + way.curve.duration_s, 13.0 + way.curve.duration_s])
-    np.testing.assert_allclose(speeds(motion), 15.0, atol=1e-12)
+    np.testing.assert_allclose(list_speeds(motion), 15.0, atol=1e-12)
     last = (WAY[-1] - WAY[-2]) / np.linalg.norm(WAY[-1] - WAY[-2])
-    np.testing.assert_allclose(enu(motion.position_ecef_m[0]), [-30.0, 0.0, 0.0], atol=1e-7)
+    np.testing.assert_allclose(convert_enu(motion.position_ecef_m[0]), [-30.0, 0.0, 0.0], atol=1e-7)
     np.testing.assert_allclose(motion.position_ecef_m[1:3], WAY[[0, -1]], atol=1e-7)
     np.testing.assert_allclose(motion.position_ecef_m[3], WAY[-1] + 150.0 * last, atol=1e-7)
 
@@ -207,14 +207,14 @@ def test_a_way_in_motion_comes_in_and_goes_on_straight():
 def test_speed_and_accelerations_are_those_asked_for():
     way = make_way_points(WAY, 15.0, acceleration_m_s2=1.5, lateral_m_s2=2.5, level=False)
     motion = way.at(np.linspace(0.0, way.curve.duration_s, 20_001))
-    along, across = np.einsum("ni,nij->jn", motion.acceleration_ecef_m_s2, along_and_across(motion))
-    assert speeds(motion).max() == pytest.approx(15.0, abs=1e-12)
+    along, across = np.einsum("ni,nij->jn", motion.acceleration_ecef_m_s2, split_motion(motion))
+    assert list_speeds(motion).max() == pytest.approx(15.0, abs=1e-12)
     assert np.abs(along).max() == pytest.approx(1.5, rel=1e-5)
     assert np.abs(across).max() == pytest.approx(2.5, rel=1e-9)
 
 
-def along_and_across(motion):
-    """Along the way and across it, (n, 3, 2), while it turns in a nearly level plane."""
+def split_motion(motion):
+    """Split a turn in a nearly level plane into parts along the way and across it, (n, 3, 2)."""
     forward = motion.attitude[:, :, 0]
     along = np.einsum("ni,ni->n", motion.acceleration_ecef_m_s2, forward)
     pull = motion.acceleration_ecef_m_s2 - along[:, np.newaxis] * forward
@@ -230,7 +230,7 @@ def test_a_turn_holds_its_radius_between_smooth_ends():
     held = across > 4.0 - 1e-9
     assert held.sum() * way.curve.duration_s / 20_000 == pytest.approx((100.0 * np.pi / 2 - 30.0) / 20.0, abs=0.02)
     assert across[~held].max() < 4.0
-    east_m, north_m, _ = enu(motion.position_ecef_m).T
+    east_m, north_m, _ = convert_enu(motion.position_ecef_m).T
     np.testing.assert_allclose(east_m, 1000.0 - north_m[::-1], atol=1e-6)  # symmetric, and both legs are met
     np.testing.assert_allclose(north_m, 1000.0 - east_m[::-1], atol=1e-6)
 
@@ -246,7 +246,7 @@ def test_a_level_way_keeps_its_height_and_a_straight_one_not():
     assert np.abs(heights[0] - 700.0).max() < 3e-3
     assert heights[1].min() < 700.0 - 50.0
     motion = make_way_points(points, 120.0, from_rest=False, to_rest=False).at(t_s)
-    assert np.abs(speeds(motion) / 120.0 - 1.0).max() < 2e-5
+    assert np.abs(list_speeds(motion) / 120.0 - 1.0).max() < 2e-5
 
 
 @settings(max_examples=40, deadline=None)
@@ -282,8 +282,8 @@ def test_any_way_is_smooth_and_keeps_its_limits_and_ends(legs, speed_m_s, latera
     motion = way.at(t_s)
     np.testing.assert_allclose(motion.position_ecef_m[[0, -1]], points[[0, -1]], atol=1e-6)
     gone_m = motion.position_ecef_m[1:] - motion.position_ecef_m[0]
-    assert np.abs(integrals(way, t_s, "velocity_ecef_m_s") - gone_m).max() < 1e-5
-    assert speeds(motion).max() < speed_m_s * (1.0 + 2e-4)
+    assert np.abs(integrate(way, t_s, "velocity_ecef_m_s") - gone_m).max() < 1e-5
+    assert list_speeds(motion).max() < speed_m_s * (1.0 + 2e-4)
     assert np.linalg.norm(motion.acceleration_ecef_m_s2, axis=1).max() < 1.001 * np.hypot(lateral_m_s2, 2.0)
     assert np.isfinite(motion.angular_acceleration_body_rad_s2).all()
 
@@ -322,12 +322,12 @@ def test_a_circle_is_the_closed_form(clockwise):
     motion = make_circle(HOME, 80.0, 12.0, clockwise=clockwise, start_rad=0.5).at(t_s)
     azimuth_rad = 0.5 + sign * 12.0 / 80.0 * t_s
     out = np.stack([np.sin(azimuth_rad), np.cos(azimuth_rad), np.zeros(200)], axis=-1)
-    np.testing.assert_allclose(enu(motion.position_ecef_m), 80.0 * out, atol=1e-8)
+    np.testing.assert_allclose(convert_enu(motion.position_ecef_m), 80.0 * out, atol=1e-8)
     ahead = sign * np.stack([out[:, 1], -out[:, 0], np.zeros(200)], axis=-1)
     np.testing.assert_allclose(motion.velocity_ecef_m_s @ ROT_ENU.T, 12.0 * ahead, atol=1e-12)
     np.testing.assert_allclose(motion.acceleration_ecef_m_s2 @ ROT_ENU.T, -144.0 / 80.0 * out, atol=1e-12)
     bank_deg = np.degrees(np.arctan(144.0 / 80.0 / 9.80665))
-    np.testing.assert_allclose(angles_deg(motion)[:, 2], sign * bank_deg, atol=1e-2)  # up turns by 80 m / 6400 km
+    np.testing.assert_allclose(list_angles_deg(motion)[:, 2], sign * bank_deg, atol=1e-2)  # up turns by 80 m / 6400 km
     assert np.linalg.norm(motion.angular_rate_body_rad_s, axis=1) == pytest.approx(12.0 / 80.0, rel=1e-4)
 
 
@@ -349,12 +349,12 @@ def test_the_approach_is_the_published_one():
     lat_rad, lon_rad, height_m = geodetic_from_ecef(ends.position_ecef_m)
     assert np.degrees([lat_rad[0], lon_rad[0]]) == pytest.approx([35.939, -115.2447], abs=1e-10)
     assert height_m[0] / 0.3048 == pytest.approx(5100.0, abs=1e-6)
-    np.testing.assert_allclose(speeds(ends), 140 * 1852 / 3600, rtol=1e-12)
+    np.testing.assert_allclose(list_speeds(ends), 140 * 1852 / 3600, rtol=1e-12)
     threshold = ecef_from_geodetic(np.radians(36.075463), np.radians(-115.166788), 2230 * 0.3048)
     crossed_s = np.linalg.norm(threshold - ends.position_ecef_m[0]) / (140 * 1852 / 3600)
     assert crossed_s == pytest.approx(232.1, abs=0.1)
     np.testing.assert_allclose(make_las_vegas().at([crossed_s]).position_ecef_m[0], threshold, atol=1e-7)
-    assert angles_deg(ends)[0] == pytest.approx([24.9, -3.0, 0.0], abs=0.1)
+    assert list_angles_deg(ends)[0] == pytest.approx([24.9, -3.0, 0.0], abs=0.1)
     assert geodetic_from_ecef(make_las_vegas().at([90.0]).position_ecef_m[0])[2] < 4000 * 0.3048
 
 
@@ -408,7 +408,7 @@ def test_few_samples_are_met(n):
 
 
 def test_beyond_its_samples_a_body_goes_straight_on():
-    found = sampled(attitude=Held())
+    found = sample(attitude=Held())
     assert found.span_s == (0.0, 240.0)
     t_s = np.arange(0.0, 101.0)
     moving = from_samples(t_s, make_circle(HOME, 80.0, 12.0).at(t_s).position_ecef_m).at([100.0, 103.0])
@@ -424,7 +424,7 @@ def test_a_standing_body_turns_smoothly_to_its_next_heading():
     t_s = np.arange(0.0, 120.0, 0.5)
     first, second = east.at(t_s).position_ecef_m, north.at(t_s).position_ecef_m
     found = from_samples(np.concatenate([t_s, 120.0 + t_s]), np.concatenate([first, second]))
-    heading_deg = angles_deg(found.at(np.linspace(5.0, 130.0, 2000)))[:, 0]
+    heading_deg = list_angles_deg(found.at(np.linspace(5.0, 130.0, 2000)))[:, 0]
     turning = np.diff((heading_deg + 180.0) % 360.0)
     assert heading_deg[0] == pytest.approx(90.0, abs=0.01)
     assert (heading_deg[-1] + 180.0) % 360.0 == pytest.approx(180.0, abs=0.1)
@@ -438,14 +438,14 @@ def test_a_standing_body_turns_to_the_nearer_side_over_north():
     first = make_way_points(ecef_from_enu([[0, 0, 0], [-east_m, 500, 0]], HOME), 15.0).at(t_s).position_ecef_m
     second = make_way_points(ecef_from_enu([[-east_m, 500, 0], [0, 1000, 0]], HOME), 15.0).at(t_s).position_ecef_m
     found = from_samples(np.concatenate([t_s, 120.0 + t_s]), np.concatenate([first, second]))
-    heading_deg = (angles_deg(found.at(np.linspace(5.0, 150.0, 2000)))[:, 0] + 180.0) % 360.0 - 180.0
+    heading_deg = (list_angles_deg(found.at(np.linspace(5.0, 150.0, 2000)))[:, 0] + 180.0) % 360.0 - 180.0
     assert heading_deg[[0, -1]] == pytest.approx([-10.0, 10.0], abs=0.1)
     assert np.abs(heading_deg).max() < 11.0
 
 
 def test_a_body_that_never_moves_heads_north():
     motion = from_samples([0.0, 1.0, 2.0], np.tile(HOME, (3, 1))).at([0.5])
-    np.testing.assert_allclose((angles_deg(motion) + 180.0) % 360.0, [[180.0] * 3], atol=1e-6)
+    np.testing.assert_allclose((list_angles_deg(motion) + 180.0) % 360.0, [[180.0] * 3], atol=1e-6)
 
 
 def test_knots_apart_take_errors_out_of_the_motion():
@@ -494,7 +494,7 @@ def test_a_files_points_make_a_motion_from_the_time_asked_for():
 def test_a_file_without_times_is_gone_at_the_speed_asked_for():
     track = RecordedTrack(source="a.kml", position_ecef_m=ecef_from_enu([[0, 100 * k, 0] for k in range(8)], HOME))
     motion = from_track(track, speed_m_s=5.0).at([0.0, 70.0, 140.0])
-    np.testing.assert_allclose(enu(motion.position_ecef_m), [[0, 0, 0], [0, 350, 0], [0, 700, 0]], atol=1e-6)
+    np.testing.assert_allclose(convert_enu(motion.position_ecef_m), [[0, 0, 0], [0, 350, 0], [0, 700, 0]], atol=1e-6)
     with pytest.raises(ScenarioError, match=r"a\.kml: speed_m_s: .*\btimes\b"):
         from_track(track)
     twice = RecordedTrack(source="a.kml", position_ecef_m=np.stack([HOME, HOME]))
@@ -532,7 +532,7 @@ def test_an_antennas_velocity_is_that_of_its_place(lever):
 def test_a_lever_stands_in_body_axes():
     body = make_static(HOME, heading_rad=np.pi / 2).at([0.0, 1.0])
     antenna = compute_antenna_motion(body, [2.0, 1.0, -3.0])
-    np.testing.assert_allclose(enu(antenna.position_ecef_m), [[2.0, -1.0, 3.0]] * 2, atol=1e-8)
+    np.testing.assert_allclose(convert_enu(antenna.position_ecef_m), [[2.0, -1.0, 3.0]] * 2, atol=1e-8)
 
 
 def test_a_spinning_arm_turns_clockwise_once_a_period():

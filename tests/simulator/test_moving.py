@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.simulator.exact import delays_at
+from tests.simulator.exact import compute_delays
 
 from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
@@ -40,16 +40,16 @@ TABLE: dict[str, Any] = {
 }
 
 
-def scene_with(navigation: NavigationData, **changes: Any) -> Scene:
+def make_scene_with(navigation: NavigationData, **changes: Any) -> Scene:
     return make_scene(parse_scenario(TABLE | changes), navigation)
 
 
 @pytest.fixture(scope="module")
 def scene(navigation: NavigationData) -> Scene:
-    return scene_with(navigation)
+    return make_scene_with(navigation)
 
 
-def columns(sky: ReceiverSky, label: str) -> list[int]:
+def list_columns(sky: ReceiverSky, label: str) -> list[int]:
     return [column for column, heard in enumerate(sky.signals) if heard.label == label]
 
 
@@ -58,9 +58,9 @@ def test_delays_are_those_of_each_instant_by_itself(scene: Scene, navigation: Na
         for true_s in (0.0, 7.3, 19.9):
             code_s, carrier_s = sky.delays_s(np.array([true_s]))
             place_ecef_m = sky.point(np.array([true_s])).position_ecef_m[0]
-            for column in columns(sky, "authentic"):
+            for column in list_columns(sky, "authentic"):
                 ephemeris = navigation.best(sky.signals[column].id.sat, scene.scenario.start_gpst)
-                exact = delays_at(place_of(place_ecef_m), ephemeris, navigation, scene.scenario.start_gpst, true_s)
+                exact = compute_delays(place_of(place_ecef_m), ephemeris, navigation, scene.scenario.start_gpst, true_s)
                 assert SPEED_OF_LIGHT_M_S * abs(code_s[0, column] - exact.code_s) < 0.2 * MM
                 assert SPEED_OF_LIGHT_M_S * abs(carrier_s[0, column] - exact.carrier_s) < 0.2 * MM
 
@@ -68,13 +68,15 @@ def test_delays_are_those_of_each_instant_by_itself(scene: Scene, navigation: Na
 def place_of(ecef_m: np.ndarray) -> ScenePlace:
     from_geodetic = np.array([40.0, -3.0, 650.0])
     for _ in range(6):  # Newton, so that no inverse of the package's own is trusted
-        base = ecef(from_geodetic)
-        slopes = np.stack([(ecef(from_geodetic + step) - base) / step.sum() for step in np.diag([1e-6, 1e-6, 1e-3])])
+        base = convert_ecef(from_geodetic)
+        slopes = np.stack(
+            [(convert_ecef(from_geodetic + step) - base) / step.sum() for step in np.diag([1e-6, 1e-6, 1e-3])]
+        )
         from_geodetic = from_geodetic + np.linalg.solve(slopes.T, ecef_m - base)
     return ScenePlace(lat_deg=from_geodetic[0], lon_deg=from_geodetic[1], height_m=from_geodetic[2])
 
 
-def ecef(geodetic: np.ndarray) -> np.ndarray:
+def convert_ecef(geodetic: np.ndarray) -> np.ndarray:
     return ecef_from_geodetic(np.radians(geodetic[0]), np.radians(geodetic[1]), geodetic[2])
 
 
@@ -87,22 +89,22 @@ def test_antenna_phases_are_the_baseline_on_the_sight_lines(
     for n, true_s in enumerate(at_s):
         baseline_m = (other.point(at_s).position_ecef_m - first.point(at_s).position_ecef_m)[n]
         double_m = SPEED_OF_LIGHT_M_S * (other.carrier_delay_s(true_s) - first.carrier_delay_s(true_s))
-        for column in columns(first, "authentic"):
-            sight = scene_sight(scene, navigation, first.signals[column].id.sat, first, float(true_s))
+        for column in list_columns(first, "authentic"):
+            sight = find_sight(scene, navigation, first.signals[column].id.sat, first, float(true_s))
             assert double_m[column] == pytest.approx(-sight @ baseline_m, abs=0.05 * MM)
-        transmit = ecef(np.array(list(TRANSMIT.values())))
+        transmit = convert_ecef(np.array(list(TRANSMIT.values())))
         here, there = (sky.point(at_s).position_ecef_m[n] for sky in (first, other))
         path_m = np.linalg.norm(there - transmit) - np.linalg.norm(here - transmit)
-        assert double_m[columns(first, "spoofed")] == pytest.approx(path_m, abs=0.05 * MM)  # one direction for all
+        assert double_m[list_columns(first, "spoofed")] == pytest.approx(path_m, abs=0.05 * MM)  # one direction for all
 
 
-def scene_sight(scene: Scene, navigation: NavigationData, sat: str, sky: ReceiverSky, true_s: float) -> np.ndarray:
-    """Unit vector to a satellite by differences of the twin's ranges."""
+def find_sight(scene: Scene, navigation: NavigationData, sat: str, sky: ReceiverSky, true_s: float) -> np.ndarray:
+    """Find the unit vector to a satellite by differences of the twin's ranges."""
     ephemeris = navigation.best(sat, scene.scenario.start_gpst)
     here = sky.point(np.array([true_s])).position_ecef_m[0]
 
     def range_m(ecef_m: np.ndarray) -> float:
-        return float(delays_at(place_of(ecef_m), ephemeris, navigation, scene.scenario.start_gpst, true_s).range_m)
+        return float(compute_delays(place_of(ecef_m), ephemeris, navigation, scene.scenario.start_gpst, true_s).range_m)
 
     return -np.array([(range_m(here + step) - range_m(here - step)) / 20.0 for step in 10.0 * np.eye(3)])
 
@@ -127,10 +129,10 @@ TAKEOVER: dict[str, Any] = {
 
 
 def test_a_takeover_starts_on_true_signals_and_leaves(navigation: NavigationData) -> None:
-    sky = scene_with(navigation, attacks=[TAKEOVER]).skies[0]
+    sky = make_scene_with(navigation, attacks=[TAKEOVER]).skies[0]
     for true_s, away in ((4.0, (0.0, 0.0, 0.0)), (18.0, (60.0, -20.0, 5.0))):
         code_s, carrier_s = sky.delays_s(np.array([true_s]))
-        true_columns, false_columns = columns(sky, "authentic"), columns(sky, "spoofed")
+        true_columns, false_columns = list_columns(sky, "authentic"), list_columns(sky, "spoofed")
         assert [sky.signals[c].id.sat for c in true_columns] == [sky.signals[c].id.sat for c in false_columns]
         az, el = sky.az_rad[:, true_columns].mean(axis=0), sky.el_rad[:, true_columns].mean(axis=0)
         sights = np.stack([np.sin(az) * np.cos(el), np.cos(az) * np.cos(el), np.sin(el)], axis=1)
@@ -141,17 +143,17 @@ def test_a_takeover_starts_on_true_signals_and_leaves(navigation: NavigationData
 
 def test_a_takeover_does_not_know_an_arms_angle(navigation: NavigationData, scene: Scene) -> None:
     alone = [{**TABLE["receivers"][0], "antennas": TABLE["receivers"][0]["antennas"][3:]}]
-    sky = scene_with(navigation, receivers=alone, attacks=[TAKEOVER]).skies[0]
+    sky = make_scene_with(navigation, receivers=alone, attacks=[TAKEOVER]).skies[0]
     at_s = np.array([3.0, 3.2, 3.4, 3.6])
     code_s, carrier_s = sky.delays_s(at_s)
-    true_columns, false_columns = columns(sky, "authentic"), columns(sky, "spoofed")
+    true_columns, false_columns = list_columns(sky, "authentic"), list_columns(sky, "spoofed")
     hub_m = scene.skies[0].point(at_s).position_ecef_m
     arm_m = sky.point(at_s).position_ecef_m - hub_m
     az, el = sky.az_rad[:, true_columns].mean(axis=0), sky.el_rad[:, true_columns].mean(axis=0)
     sights = np.stack([np.sin(az) * np.cos(el), np.cos(az) * np.cos(el), np.sin(el)], axis=1)
     here_rad = np.radians(PLACE["lat_deg"]), np.radians(PLACE["lon_deg"])
     by_satellite_m = arm_m @ (sights @ rot_enu_ecef(*here_rad)).T
-    to_transmit_m = ecef(np.array(list(TRANSMIT.values()))) - hub_m
+    to_transmit_m = convert_ecef(np.array(list(TRANSMIT.values()))) - hub_m
     by_transmitter_m = np.sum(arm_m * to_transmit_m, axis=1) / np.linalg.norm(to_transmit_m, axis=1)
     for delay_s in (code_s, carrier_s):
         apart_m = SPEED_OF_LIGHT_M_S * (delay_s[:, false_columns] - delay_s[:, true_columns])
@@ -160,11 +162,13 @@ def test_a_takeover_does_not_know_an_arms_angle(navigation: NavigationData, scen
 
 
 def test_a_locked_carrier_stays_while_code_is_dragged_off(navigation: NavigationData) -> None:
-    sky = scene_with(navigation, attacks=[TAKEOVER | {"carrier": "locked", "phase": "random"}]).skies[0]
+    sky = make_scene_with(navigation, attacks=[TAKEOVER | {"carrier": "locked", "phase": "random"}]).skies[0]
     at_s = np.array([4.0, 16.0])
     code_s, carrier_s = sky.delays_s(at_s)
-    apart_code_m = SPEED_OF_LIGHT_M_S * (code_s[:, columns(sky, "spoofed")] - code_s[:, columns(sky, "authentic")])
-    apart_cyc = L1_HZ * (carrier_s[:, columns(sky, "spoofed")] - carrier_s[:, columns(sky, "authentic")])
+    apart_code_m = SPEED_OF_LIGHT_M_S * (
+        code_s[:, list_columns(sky, "spoofed")] - code_s[:, list_columns(sky, "authentic")]
+    )
+    apart_cyc = L1_HZ * (carrier_s[:, list_columns(sky, "spoofed")] - carrier_s[:, list_columns(sky, "authentic")])
     assert np.abs(apart_code_m[1]).max() > 20.0
     assert np.allclose(apart_cyc[0], apart_cyc[1], atol=1e-3)
     phases = apart_cyc[0] % 1.0
@@ -172,13 +176,16 @@ def test_a_locked_carrier_stays_while_code_is_dragged_off(navigation: Navigation
 
 
 def test_single_satellites_move_alone_in_code_and_doppler(navigation: NavigationData) -> None:
-    plain = scene_with(navigation, attacks=[TAKEOVER]).skies[0]
+    plain = make_scene_with(navigation, attacks=[TAKEOVER]).skies[0]
     sats = [heard.id.sat for heard in plain.signals if heard.label == "spoofed"][:2]
-    moved = scene_with(
+    moved = make_scene_with(
         navigation, attacks=[TAKEOVER | {"sat_code_m": {sats[0]: 30.0}, "sat_doppler_hz": {sats[1]: 4.0}}]
     ).skies[0]
     at_s = np.array([12.0])
-    late_s = 2.0 + np.linalg.norm(plain.point(at_s).position_ecef_m[0] - ecef(np.array(list(TRANSMIT.values())))) / 3e8
+    late_s = (
+        2.0
+        + np.linalg.norm(plain.point(at_s).position_ecef_m[0] - convert_ecef(np.array(list(TRANSMIT.values())))) / 3e8
+    )
     for which, sat, expected_m in ((0, sats[0], 30.0), (1, sats[1], -4.0 * (12.0 - late_s) * WAVELENGTH_M)):
         apart_m = SPEED_OF_LIGHT_M_S * (moved.delays_s(at_s)[which] - plain.delays_s(at_s)[which])[0]
         by_sat = {heard.id.sat: apart_m[c] for c, heard in enumerate(plain.signals) if heard.label == "spoofed"}
@@ -187,13 +194,15 @@ def test_single_satellites_move_alone_in_code_and_doppler(navigation: Navigation
 
 
 def test_satellites_of_another_antenna_come_from_there(navigation: NavigationData) -> None:
-    plain = scene_with(navigation).skies[0]
+    plain = make_scene_with(navigation).skies[0]
     sats = [heard.id.sat for heard in plain.signals if heard.label == "spoofed"][:2]
     second = {**TRANSMIT, "lat_deg": 39.998, "sats": sats}
-    sky = scene_with(navigation, attacks=[TABLE["attacks"][0] | {"antennas": [second]}]).skies[0]
+    sky = make_scene_with(navigation, attacks=[TABLE["attacks"][0] | {"antennas": [second]}]).skies[0]
     at_s = np.array([6.0])
     here = sky.point(at_s).position_ecef_m[0]
-    there = [ecef(np.array([site["lat_deg"], site["lon_deg"], site["height_m"]])) for site in (TRANSMIT, second)]
+    there = [
+        convert_ecef(np.array([site["lat_deg"], site["lon_deg"], site["height_m"]])) for site in (TRANSMIT, second)
+    ]
     further_m = np.linalg.norm(here - there[1]) - np.linalg.norm(here - there[0])
     apart_m = SPEED_OF_LIGHT_M_S * (sky.code_delay_s(6.0) - plain.code_delay_s(6.0))
     for column, heard in enumerate(plain.signals):
@@ -205,11 +214,14 @@ def test_satellites_of_another_antenna_come_from_there(navigation: NavigationDat
 def test_power_follows_its_points_and_pauses_are_silent(navigation: NavigationData) -> None:
     times = {"power_points_db": [[4.0, 0.0], [8.0, 6.0]], "off_s": [[10.0, 11.0]], "onset_s": 1.0}
     attack = TABLE["attacks"][0] | times
-    sky = scene_with(navigation, attacks=[attack], receivers=[{"name": "still", **PLACE}]).skies[0]
-    false = columns(sky, "spoofed")
+    sky = make_scene_with(navigation, attacks=[attack], receivers=[{"name": "still", **PLACE}]).skies[0]
+    false = list_columns(sky, "spoofed")
     level_dbhz = sky.cn0_dbhz(np.array([3.0, 6.0, 9.0]))[:, false]
     assert np.allclose(level_dbhz - level_dbhz[0], np.array([[0.0], [3.0], [6.0]]), atol=2e-2)
-    late_s = np.linalg.norm(ecef(np.array([40.0, -3.0, 650.0])) - ecef(np.array(list(TRANSMIT.values())))) / 299792458.0
+    late_s = (
+        np.linalg.norm(convert_ecef(np.array([40.0, -3.0, 650.0])) - convert_ecef(np.array(list(TRANSMIT.values()))))
+        / 299792458.0
+    )
     for column in false:
         assert np.allclose(
             sky.signals[column].windows_s, [[1.0 + late_s, 10.0 + late_s], [11.0 + late_s, np.inf]], atol=1e-12
@@ -218,7 +230,7 @@ def test_power_follows_its_points_and_pauses_are_silent(navigation: NavigationDa
 
 def test_a_patch_antenna_favours_what_it_leans_to(navigation: NavigationData) -> None:
     level, leaning = (
-        scene_with(
+        make_scene_with(
             navigation,
             attacks=[],
             receivers=[{"name": "one", **PLACE, "roll_deg": roll_deg, "antennas": [{"name": "1", "gain": "patch"}]}],
@@ -261,5 +273,5 @@ DOWN = {
 )
 def test_what_makes_no_sense_is_refused(navigation: NavigationData, changes: dict[str, Any], words: list[str]) -> None:
     with pytest.raises(ScenarioError) as caught:
-        scene_with(navigation, **changes)
+        make_scene_with(navigation, **changes)
     assert all(word in str(caught.value) for word in words), str(caught.value)

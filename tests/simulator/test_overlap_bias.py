@@ -18,7 +18,7 @@ START = np.datetime64("2023-03-04T05:06:07.25", "ns")
 WIDE = FrontEnd(rate_hz=4e6, encoding="float", bits=32)
 
 
-def scene_with(
+def make_scene_with(
     navigation: NavigationData, rays: tuple[Multipath, ...] = (), front_end: FrontEnd = WIDE, **attack: float
 ) -> Scene:
     place = {"lat_deg": 40.0, "lon_deg": -3.0, "height_m": 650.0}
@@ -47,7 +47,7 @@ def test_a_short_reflection_pulls_as_the_envelope_says(
     delay_m, amplitude = 15.0, 10.0 ** (-6.0 / 20.0)
     turn_cyc = delay_m * L1_HZ / SPEED_OF_LIGHT_M_S  # what the way itself turns, taken off
     ray = Multipath(delay_m=delay_m, power_db=-6.0, phase_deg=360.0 * (turn_cyc % 1.0) + turn_deg)
-    pull = compute_pull(scene_with(navigation, (ray,)), 0, [1.5, 2.5], averaged_s=1.0)
+    pull = compute_pull(make_scene_with(navigation, (ray,)), 0, [1.5, 2.5], averaged_s=1.0)
     expected_m = sign * amplitude * delay_m / (1.0 + sign * amplitude)
     np.testing.assert_allclose(pull.code_m, expected_m, rtol=5e-3)
     np.testing.assert_allclose(pull.carrier_cyc, 0.0, atol=1e-4)
@@ -56,7 +56,7 @@ def test_a_short_reflection_pulls_as_the_envelope_says(
 
 
 def test_loops_stand_where_early_and_late_are_equal(navigation: NavigationData) -> None:
-    scene = scene_with(navigation, front_end=FrontEnd(bandwidth_hz=2e6), code_offset_m=120.0, power_db=1.0)
+    scene = make_scene_with(navigation, front_end=FrontEnd(bandwidth_hz=2e6), code_offset_m=120.0, power_db=1.0)
     sky = scene.skies[0]
     pull = compute_pull(scene, 0, [2.0], averaged_s=0.2)
     assert np.abs(pull.code_m).max() > 5.0
@@ -70,8 +70,8 @@ def test_loops_stand_where_early_and_late_are_equal(navigation: NavigationData) 
 
 
 def test_a_copy_at_another_doppler_turns_away(navigation: NavigationData) -> None:
-    near = compute_pull(scene_with(navigation, code_offset_m=100.0, power_db=1.0), 0, [2.0], averaged_s=1.0)
-    scene = scene_with(navigation, code_offset_m=100.0, power_db=1.0, clock_drift=31.25 / L1_HZ)
+    near = compute_pull(make_scene_with(navigation, code_offset_m=100.0, power_db=1.0), 0, [2.0], averaged_s=1.0)
+    scene = make_scene_with(navigation, code_offset_m=100.0, power_db=1.0, clock_drift=31.25 / L1_HZ)
     far = compute_pull(scene, 0, [2.0], averaged_s=1.0)
     assert np.abs(near.code_m).max() > 5.0
     assert np.abs(far.code_m).max() < 0.05 * np.abs(near.code_m).max()
@@ -79,7 +79,7 @@ def test_a_copy_at_another_doppler_turns_away(navigation: NavigationData) -> Non
 
 def test_measurements_are_pulled_only_where_signals_overlap(navigation: NavigationData) -> None:
     for overlap in (True, False):
-        scene = scene_with(navigation, code_offset_m=100.0 if overlap else 3000.0, power_db=1.0)
+        scene = make_scene_with(navigation, code_offset_m=100.0 if overlap else 3000.0, power_db=1.0)
         (plain,), (pulled,) = make_ideal_measurements(scene), make_ideal_measurements(scene, pulled=True)
         pull = compute_pull(scene, 0, plain.elapsed_s, averaged_s=1.0)
         np.testing.assert_allclose(pulled.pseudorange_m - plain.pseudorange_m, pull.code_m, atol=1e-6)

@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
-from tests.simulator.exact import delays_at
+from tests.simulator.exact import compute_delays
 
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ
 from skyproof.gnss.ephemeris import NavigationData
@@ -20,10 +20,10 @@ from skyproof.simulator.scenario import FrontEnd, Scenario
 from skyproof.simulator.sky import make_scene
 
 
-def twin(
+def compute_twin(
     scene: Scene, receiver: int, start: int, count: int, *, only: int | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Complex samples without noise, and where no chip edge is so near that rounding may decide.
+    """Compute complex samples without noise, and where no chip edge is so near that rounding may decide.
 
     only : the one signal wanted; all of them if None.
     """
@@ -46,7 +46,7 @@ def twin(
             seen_at = scenario.attacks[number].shows
             added_s = scenario.attacks[number].added_delay_s + scene.path_m[number, receiver] / 299_792_458.0
         at_s = true_s if count < 10_000 else true_s[:: count // 20]  # orbits bend little
-        delays = delays_at(seen_at, ephemeris, scene.navigation, scenario.start_gpst, at_s - added_s)
+        delays = compute_delays(seen_at, ephemeris, scene.navigation, scenario.start_gpst, at_s - added_s)
         code_s, carrier_s = delays.code_s, delays.carrier_s
         if at_s.size < count:
             code_s, carrier_s = (Polynomial.fit(at_s, delay_s, 4)(true_s) for delay_s in (code_s, carrier_s))
@@ -70,7 +70,7 @@ def twin(
     return total, clear
 
 
-def signals_only(rendering: Rendering, start: int, count: int) -> np.ndarray:
+def drop_noise(rendering: Rendering, start: int, count: int) -> np.ndarray:
     block = start // BLOCK
     planes = np.concatenate([render(rendering, b, noise=False) for b in (block, block + 1)], axis=1).astype(float)
     begin = start - block * BLOCK
@@ -86,8 +86,8 @@ def scene(scenario: Scenario, navigation: NavigationData) -> Scene:
 @pytest.mark.parametrize("start", [0, CHUNK - 50, BLOCK - 700, 2_600_000 - 800, 3_899_000, 3_900_500, 5_200_000])
 @pytest.mark.parametrize("receiver", [0, 1])
 def test_the_samples_are_those_of_the_slow_twin(scene: Scene, receiver: int, start: int) -> None:
-    expected, clear = twin(scene, receiver, start, 1500)
-    got = signals_only(prepare_rendering(scene, receiver), start, 1500)
+    expected, clear = compute_twin(scene, receiver, start, 1500)
+    got = drop_noise(prepare_rendering(scene, receiver), start, 1500)
     assert np.abs(expected).max() > 0.1
     assert clear.mean() > 0.99
     assert np.abs(got - expected)[clear].max() < 2e-4 * np.abs(expected).max()
@@ -102,8 +102,8 @@ def test_other_rates_and_frequencies_agree_with_the_twin(
     scenario: Scenario, navigation: NavigationData, front_end: FrontEnd
 ) -> None:
     scene = make_scene(scenario.model_copy(update={"front_end": front_end}), navigation)
-    expected, clear = twin(scene, 0, 40_000, 3000)
-    got = signals_only(prepare_rendering(scene, 0), 40_000, 3000)
+    expected, clear = compute_twin(scene, 0, 40_000, 3000)
+    got = drop_noise(prepare_rendering(scene, 0), 40_000, 3000)
     assert np.abs(got - expected)[clear].max() < 2e-4 * np.abs(expected).max()
 
 
@@ -113,7 +113,7 @@ def test_the_copies_begin_when_their_first_wave_arrives(scene: Scene) -> None:
     first = int(np.ceil((from_s - sky.receiver.start_offset_s) * (1.0 + 0.7e-6) * 2.6e6))
     clean = make_scene(scene.scenario.model_copy(update={"attacks": ()}), scene.navigation)
     start = first - 1000
-    difference = signals_only(rendering, start, 2000) - signals_only(prepare_rendering(clean, 0), start, 2000)
+    difference = drop_noise(rendering, start, 2000) - drop_noise(prepare_rendering(clean, 0), start, 2000)
     assert not difference[:1000].any()
     assert (difference[1000:] != 0).mean() > 0.99
     assert difference[1000] != 0
@@ -166,8 +166,8 @@ def test_a_transmitter_adds_its_noise_from_its_onset_on(scenario: Scenario, navi
     assert np.allclose(power, [1.0, 1.0 + 10.0**0.3, 1.0], rtol=0.02)
 
 
-def few_satellites(scenario: Scenario, navigation: NavigationData, front_end: FrontEnd) -> Scene:
-    """A scene in which the other signals are too few to count as noise."""
+def make_few_satellites(scenario: Scenario, navigation: NavigationData, front_end: FrontEnd) -> Scene:
+    """Make a scene in which the other signals are too few to count as noise."""
     update = {"attacks": (), "mask_deg": 55.0, "front_end": front_end}
     return make_scene(scenario.model_copy(update=update), navigation)
 
@@ -187,13 +187,13 @@ def test_the_carrier_to_noise_density_is_as_asked(
     scenario: Scenario, navigation: NavigationData, front_end: FrontEnd, loss_db: float
 ) -> None:
     # Losses of quantisation: 2 / pi for one bit, 0.55 dB for two (Max, 1960).
-    scene = few_satellites(scenario, navigation, front_end)
+    scene = make_few_satellites(scenario, navigation, front_end)
     assert 1 <= len(scene.skies[0].signals) <= 3
     rate_hz, count = front_end.rate_hz, int(0.2 * front_end.rate_hz)
     planes = render_samples(scene.scenario, navigation)[0].read(0, count).astype(float)
     received = planes[0] + 1j * planes[1]
     for column, heard in enumerate(scene.skies[0].signals):
-        replica, _ = twin(scene, 0, 0, count, only=column)
+        replica, _ = compute_twin(scene, 0, 0, count, only=column)
         gain = np.vdot(replica, received) / np.vdot(replica, replica)
         power = np.abs(gain) ** 2 * np.mean(np.abs(replica) ** 2)
         band_hz = rate_hz

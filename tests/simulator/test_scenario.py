@@ -25,7 +25,7 @@ TABLE: dict[str, Any] = {
 }
 
 
-def changed(path: str, value: Any) -> dict[str, Any]:
+def change(path: str, value: Any) -> dict[str, Any]:
     table: Any = deepcopy(TABLE)
     *parents, last = (int(part) if part.isdigit() else part for part in path.split("."))
     inner = table
@@ -74,7 +74,7 @@ def test_a_scenario_written_and_read_again_is_the_same() -> None:
 )
 def test_a_mistake_is_refused_with_the_path_of_its_key(path: str, value: Any, words: list[str]) -> None:
     with pytest.raises(ScenarioError) as caught:
-        parse_scenario(changed(path, value), source="scene.toml")
+        parse_scenario(change(path, value), source="scene.toml")
     assert str(caught.value).startswith("scene.toml: ")
     assert all(word in str(caught.value) for word in words), str(caught.value)
 
@@ -104,7 +104,7 @@ def test_a_seamless_takeover_that_is_none_is_refused(changes: dict[str, Any], wo
 
 
 def test_all_mistakes_are_reported_at_once() -> None:
-    table = changed("receivers.0.height_m", -3000.0) | {"colour": "red"}
+    table = change("receivers.0.height_m", -3000.0) | {"colour": "red"}
     with pytest.raises(ScenarioError, match=r"(?s)receivers\[0\]\.height_m.*colour"):
         parse_scenario(table)
 
@@ -120,16 +120,16 @@ def test_a_spoofed_satellite_that_cannot_be_seen_is_refused(navigation: Navigati
     seen = {heard.id.sat for heard in make_scene(parse_scenario(TABLE | {"attacks": []}), navigation).skies[0].signals}
     hidden = next(eph.sat for eph in navigation.ephemerides if eph.sat not in seen)
     with pytest.raises(ScenarioError, match=rf"attacks\[1\]\.sats: {hidden} .*\b5 degrees"):
-        make_scene(parse_scenario(changed("attacks.1.sats", [hidden])), navigation)
+        make_scene(parse_scenario(change("attacks.1.sats", [hidden])), navigation)
 
 
 def test_navigation_data_of_another_day_are_refused(navigation: NavigationData) -> None:
     with pytest.raises(ScenarioError, match=r"start_gpst: .*\b2023-03-14"):
-        make_scene(parse_scenario(changed("start_gpst", "2023-03-14T05:06:07")), navigation)
+        make_scene(parse_scenario(change("start_gpst", "2023-03-14T05:06:07")), navigation)
 
 
 def test_a_transmit_antenna_inside_a_receiver_is_refused(navigation: NavigationData) -> None:
-    table = changed("attacks.1.sats", None)
+    table = change("attacks.1.sats", None)
     table["attacks"][0]["transmit"] = PLACE
     with pytest.raises(ScenarioError, match=r"attacks\[0\]\.transmit: 0\.00 m .*\bone\b"):
         make_scene(parse_scenario(table), navigation)

@@ -13,7 +13,7 @@ from skyproof.simulator.sky import make_scene
 CHIP_M = 293.05
 
 
-def baseline_m(scenario: Scenario) -> float:
+def measure_baseline_m(scenario: Scenario) -> float:
     places = [ecef_from_geodetic(*place.geodetic_rad) for place in scenario.receivers]
     return float(np.linalg.norm(places[1] - places[0]))
 
@@ -21,7 +21,7 @@ def baseline_m(scenario: Scenario) -> float:
 def test_the_demo_has_ten_satellites_each_with_a_copy_of_its_own() -> None:
     scenario = make_demo()
     scene = make_scene(scenario, make_nominal_constellation(scenario.start_gpst))
-    assert baseline_m(scenario) == pytest.approx(60.0, abs=5.0)
+    assert measure_baseline_m(scenario) == pytest.approx(60.0, abs=5.0)
     for sky in scene.skies:
         code_m = 299_792_458.0 * sky.code_delay_s(20.0)
         by_label = {
@@ -55,7 +55,7 @@ def test_the_demo_holds_a_whole_ephemeris_before_the_end() -> None:
 )
 def test_a_clean_scene_stands_where_and_when_it_is_asked(place: ScenePlace) -> None:
     scenario = make_clean(place, np.datetime64("2031-10-05T23:59:50"), baseline_m=100.0, receivers=3)
-    assert baseline_m(scenario) == pytest.approx(100.0, rel=0.01)
+    assert measure_baseline_m(scenario) == pytest.approx(100.0, rel=0.01)
     assert len(scenario.receivers) == 3
     scene = make_scene(scenario, make_nominal_constellation(scenario.start_gpst))
     assert set(scene.labels.values()) == {"authentic"}

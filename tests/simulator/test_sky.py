@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.simulator.exact import delays_at
+from tests.simulator.exact import compute_delays
 
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.gnss.atmosphere import compute_klobuchar_s
@@ -30,12 +30,12 @@ def scene(scenario: Scenario, navigation: NavigationData) -> Scene:
     return make_scene(scenario, navigation)
 
 
-def ecef(place: ScenePlace) -> np.ndarray:
+def convert_ecef(place: ScenePlace) -> np.ndarray:
     return ecef_from_geodetic(np.radians(place.lat_deg), np.radians(place.lon_deg), place.height_m)
 
 
-def delays_m(sky: ReceiverSky, true_s: float, *, label: str, kind: str) -> tuple[list[str], np.ndarray]:
-    """Satellites and delays of the signals with this label, in metres."""
+def list_delays_m(sky: ReceiverSky, true_s: float, *, label: str, kind: str) -> tuple[list[str], np.ndarray]:
+    """List satellites and delays of the signals with this label, in metres."""
     columns = [column for column, heard in enumerate(sky.signals) if heard.label == label]
     spline = sky.code_delay_s if kind == "code" else sky.carrier_delay_s
     return [sky.signals[c].id.sat for c in columns], SPEED_OF_LIGHT_M_S * spline(true_s)[columns]
@@ -43,7 +43,7 @@ def delays_m(sky: ReceiverSky, true_s: float, *, label: str, kind: str) -> tuple
 
 @pytest.mark.parametrize("kind", ["code", "carrier"])
 def test_double_differences_of_false_signals_are_zero(scene: Scene, kind: str) -> None:
-    (sats, one_m), (same, two_m) = (delays_m(sky, 2.0, label="spoofed", kind=kind) for sky in scene.skies)
+    (sats, one_m), (same, two_m) = (list_delays_m(sky, 2.0, label="spoofed", kind=kind) for sky in scene.skies)
     single_m = two_m - one_m
     assert sats == same
     assert len(sats) >= 8
@@ -57,8 +57,8 @@ def test_double_differences_are_the_baseline_on_sight_lines(
 ) -> None:
     one, two = scene.scenario.receivers
     true_s = 2.0
-    (sats, one_m), (_, two_m) = (delays_m(sky, true_s, label="authentic", kind=kind) for sky in scene.skies)
-    middle = 0.5 * (ecef(one) + ecef(two))
+    (sats, one_m), (_, two_m) = (list_delays_m(sky, true_s, label="authentic", kind=kind) for sky in scene.skies)
+    middle = 0.5 * (convert_ecef(one) + convert_ecef(two))
     sights = []
     for sat in sats:
         ephemeris = navigation.best(sat, scene.scenario.start_gpst)
@@ -66,7 +66,7 @@ def test_double_differences_are_the_baseline_on_sight_lines(
         sent = scene.scenario.start_gpst + np.timedelta64(round((true_s - 0.075) * 1e9), "ns")
         sat_ecef_m = rotate_to_reception(compute_satellite_state(ephemeris, sent).position_ecef_m, 0.075)
         sights.append(compute_unit_vectors(middle, sat_ecef_m))
-    expected_m = -np.array(sights) @ (ecef(two) - ecef(one))
+    expected_m = -np.array(sights) @ (convert_ecef(two) - convert_ecef(one))
     double_m = (two_m - one_m) - (two_m - one_m)[0]
     assert np.abs(expected_m - expected_m[0]).max() > 30.0
     assert np.abs(double_m - (expected_m - expected_m[0])).max() < MM
@@ -99,7 +99,7 @@ def test_splines_between_knots_keep_a_tenth_of_a_millimetre(scene: Scene, naviga
         if heard.label == "authentic":
             ephemeris = navigation.best(heard.id.sat, scene.scenario.start_gpst)
             assert ephemeris is not None
-            exact = delays_at(sky.receiver, ephemeris, navigation, scene.scenario.start_gpst, true_s)
+            exact = compute_delays(sky.receiver, ephemeris, navigation, scene.scenario.start_gpst, true_s)
             for spline, exact_s in ((sky.code_delay_s, exact.code_s), (sky.carrier_delay_s, exact.carrier_s)):
                 assert SPEED_OF_LIGHT_M_S * np.abs(spline(true_s)[:, column] - exact_s).max() < 1e-4
 
@@ -128,7 +128,7 @@ def test_a_spoofer_shows_its_false_place_and_clock(scenario: Scenario, navigatio
         if heard.label == "spoofed":
             ephemeris = navigation.best(heard.id.sat, scenario.start_gpst)
             assert ephemeris is not None
-            there = delays_at(shows, ephemeris, navigation, scenario.start_gpst, true_s - added_s)
+            there = compute_delays(shows, ephemeris, navigation, scenario.start_gpst, true_s - added_s)
             assert sky.code_delay_s(true_s)[column] == pytest.approx(float(there.code_s) + added_s, abs=1e-13)
 
 
@@ -153,7 +153,7 @@ def test_the_clock_inverts(scene: Scene) -> None:
 # --- the rendered pair, made by another program from the same places and the same navigation file
 
 
-def _pair_scenario(truth: dict[str, Any]) -> Scenario:
+def _make_pair(truth: dict[str, Any]) -> Scenario:
     def place(position: dict[str, float]) -> dict[str, float]:
         return {"lat_deg": position["lat_deg"], "lon_deg": position["lon_deg"], "height_m": position["h_m"]}
 
@@ -191,7 +191,7 @@ def test_delays_and_doppler_agree_with_another_simulator(shared_data: Path) -> N
     folder = shared_data / "rf" / "meaconing-pair"
     truth = json.loads((folder / "truth.json").read_text())
     navigation = read_nav(shared_data / "rf" / "brdc0010.22n")
-    scene = make_scene(_pair_scenario(truth), navigation)
+    scene = make_scene(_make_pair(truth), navigation)
     with open(folder / "truth.csv", encoding="ascii") as lines:
         rows = [row for row in csv.DictReader(lines)]
     assert len({heard.id.sat for heard in scene.skies[0].signals}) == len(truth["authentic_prns"])

@@ -8,22 +8,22 @@ from skyproof.simulator.stability import Stability, measure_clock_stability, mea
 
 
 @pytest.fixture(scope="module")
-def found() -> list[Stability]:
+def deviations() -> list[Stability]:
     return [*measure_imu_stability(), *measure_clock_stability()]
 
 
-def test_every_noisy_oscillator_and_both_sensors_are_measured(found):
-    assert {item.name for item in found if item.what == "oscillator"} == set(OSCILLATORS) - {"perfect"}
-    assert {(item.name, item.what) for item in found if item.what != "oscillator"} == {
+def test_every_noisy_oscillator_and_both_sensors_are_measured(deviations):
+    assert {item.name for item in deviations if item.what == "oscillator"} == set(OSCILLATORS) - {"perfect"}
+    assert {(item.name, item.what) for item in deviations if item.what != "oscillator"} == {
         (name, kind) for name in ("navigation", "tactical") for kind in ("accelerometer", "gyro")
     }
 
 
-def test_deviations_agree_with_theory_within_their_own_spread(found):
+def test_deviations_agree_with_theory_within_their_own_spread(deviations):
     # 90 % limits: about a tenth of the points lie outside, and hardly any by more than twice the limits' width.
-    inside = np.concatenate([(item.lower <= item.theory) & (item.theory <= item.upper) for item in found])
+    inside = np.concatenate([(item.lower <= item.theory) & (item.theory <= item.upper) for item in deviations])
     assert inside.mean() > 0.75
-    for item in found:
+    for item in deviations:
         reach = np.maximum(item.upper - item.deviation, 0.03 * item.theory)
         assert (np.abs(item.deviation - item.theory) < 3.0 * reach).all(), item.name
 

@@ -26,7 +26,9 @@ LIGHT_M_S = 299_792_458.0
 
 @pytest.fixture(scope="module")
 def scene(scenario: Scenario, navigation: NavigationData) -> Scene:
-    """One stands; two drives in a circle, with a restless clock, two antennas, an inertial unit and a reflection."""
+    """Make two receivers: one stands, one drives in a circle with a restless clock, two antennas, an inertial unit and
+    a reflection.
+    """
     one, two = scenario.receivers
     site = two.model_dump(exclude={"heading_deg", "pitch_deg", "roll_deg", "path", "antennas", "imu", "multipath"})
     two = type(two)(

@@ -13,8 +13,8 @@ from skyproof.statistics.distributions import binomial_two_sided
 from skyproof.statistics.lines import fit_line
 
 
-def ar1(rng, shape, phi):
-    """Stationary, variance 1, along the second last axis."""
+def draw_ar1(rng, shape, phi):
+    """Draw a stationary process of variance 1, along the second last axis."""
     noise = rng.standard_normal(shape)
     for n in range(1, shape[-2]):
         noise[..., n, :] = phi * noise[..., n - 1, :] + np.sqrt(1 - phi**2) * noise[..., n, :]
@@ -53,7 +53,7 @@ def test_a_level_comes_back_with_the_variance_stated():
     rng = np.random.default_rng(1)
     gaps = np.array([1.0, 1.0, 4.0, 1.0, 1.0, 2.0, 1.0])
     times = np.concatenate([[0.0], np.cumsum(gaps)]).astype(int)
-    noise = ar1(rng, (20_000, 13, 1), 0.7)[:, times]
+    noise = draw_ar1(rng, (20_000, 13, 1), 0.7)[:, times]
     fit = ar1_line(noise + 5.0, 0.7, gaps)
     level = fit.level[:, 0] / fit.gain
     assert level.mean() == pytest.approx(5.0, abs=0.03)
@@ -65,7 +65,7 @@ def test_a_level_comes_back_with_the_variance_stated():
 @pytest.mark.parametrize("n", [15, 60])
 def test_the_pooled_estimate_is_free_of_the_bias_of_the_line_fit(n, phi):
     rng = np.random.default_rng(2)
-    residual = fit_line(ar1(rng, (400, n, 28), phi)).residual
+    residual = fit_line(draw_ar1(rng, (400, n, 28), phi)).residual
     found = estimate_ar1(residual)
     raw = np.sum(residual[:, 1:] * residual[:, :-1], axis=(1, 2)) / np.sum(residual**2, axis=(1, 2))
     assert np.median(found) == pytest.approx(phi, abs=0.02)
@@ -82,7 +82,7 @@ def test_the_expected_lag_one_coefficient_grows_with_phi():
 @pytest.mark.parametrize(("n", "m", "slack"), [(5, 6, 1.6), (15, 4, 1.0), (30, 6, 1.0)])
 def test_the_true_coefficient_leaves_its_set_at_the_rate(n, m, slack, phi):
     trials, rate = 40_000, 0.01
-    support = ar1_line(ar1(np.random.default_rng(3), (trials, n, m), phi), phi).support
+    support = ar1_line(draw_ar1(np.random.default_rng(3), (trials, n, m), phi), phi).support
     missed = int(np.sum(support < rate))
     if slack == 1.0:
         assert binomial_two_sided(missed, trials, rate) > 1e-4

@@ -7,8 +7,8 @@ from skyproof.statistics.clusters import divide_line
 from skyproof.statistics.distributions import chi_square_survival
 
 
-def brute_force(values, sigma, probability):
-    """Fewest clusters over every labelling of K values."""
+def count_clusters(values, sigma, probability):
+    """Count the fewest clusters over every labelling of K values."""
     k = len(values)
     weight = np.broadcast_to(1.0 / np.asarray(sigma) ** 2, k)
     best = np.full(k + 1, np.inf)
@@ -26,7 +26,7 @@ def brute_force(values, sigma, probability):
 def test_no_other_parting_is_better(seed):
     rng = np.random.default_rng(seed)
     values, sigma = 4.0 * rng.standard_normal(5), rng.uniform(0.5, 2.0, 5)
-    count, squares = brute_force(values, sigma, 0.05)
+    count, squares = count_clusters(values, sigma, 0.05)
     found = divide_line(values, sigma, 0.05)
     assert found.number == count
     assert len(set(found.label.tolist())) == count

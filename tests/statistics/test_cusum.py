@@ -8,7 +8,7 @@ from skyproof.studies.run_lengths import cusum_run_length, cusum_threshold, page
 
 
 def count_run_length(reference, threshold, degrees, trials, rng, run):
-    """Mean first passage of `trials` sums that start at zero."""
+    """Average the first passage of `trials` sums that start at zero."""
     lengths, alive, steps = np.zeros(trials), np.arange(trials), 0
     state = np.zeros((trials, degrees))
     while alive.size:

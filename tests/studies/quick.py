@@ -11,14 +11,14 @@ FOUND = studies()
 
 
 @cache
-def rows_of(name: str, **settings: object) -> list[Row]:
+def run_study(name: str, **settings: object) -> list[Row]:
     return list(FOUND[name].run(StudySettings(**({"quick": True} | settings))))
 
 
-def hold(name: str) -> None:
-    """A study takes no more than 20 s, and every claim finds its figure and is not contradicted."""
+def assert_holds(name: str) -> None:
+    """Check that a study takes no more than 20 s, and that no claim lacks its figure or is contradicted."""
     start = time.process_time()
-    rows = rows_of(name)
+    rows = run_study(name)
     assert time.process_time() - start < 20.0
     for item in check(FOUND[name], rows):
         assert item.agrees is not False, item.cells()

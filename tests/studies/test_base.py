@@ -20,7 +20,7 @@ from skyproof.studies.validation import check, table
 FOUND = studies()
 
 
-def toy(**changes: Any) -> Study:
+def make_toy(**changes: Any) -> Study:
     def run(settings: StudySettings) -> Iterator[Row]:
         draws = settings.rng().standard_normal(settings.count(1000, 100))
         yield {"trials": draws.size, "mean": float(np.mean(draws)), "method": "paper"}
@@ -37,7 +37,7 @@ def toy(**changes: Any) -> Study:
     return Study(**(options | changes))
 
 
-def claim(**changes: Any) -> Claim:
+def make_claim(**changes: Any) -> Claim:
     options: dict[str, Any] = {"what": "mean", "paper": 0.0, "same": lambda rows: rows[0]["mean"], "tolerance": 0.2}
     return Claim(**(options | changes))
 
@@ -84,58 +84,62 @@ def test_trials_that_are_given_come_before_quick() -> None:
 # The table
 
 
-def page(*claims: Claim, **changes: Any) -> str:
-    one = toy(claims=claims, **changes)
+def make_page(*claims: Claim, **changes: Any) -> str:
+    one = make_toy(claims=claims, **changes)
     return table({one.name: one}, StudySettings(quick=True, seed=5), made_on=date(2026, 1, 2))
 
 
 def test_the_page_names_version_date_and_seed() -> None:
-    assert re.search(r"\b2026-01-02, seed 5, quick\b", page(claim()))
+    assert re.search(r"\b2026-01-02, seed 5, quick\b", make_page(make_claim()))
 
 
 def test_agreeing_and_failing_figures_are_told_apart() -> None:
-    assert "| within 0.2 |" in page(claim())
-    assert "| **not** within 0.001 |" in page(claim(paper=1.0, tolerance=0.001))
-    assert "within" not in page(claim(tolerance=None)).partition("###")[2]
+    assert "| within 0.2 |" in make_page(make_claim())
+    assert "| **not** within 0.001 |" in make_page(make_claim(paper=1.0, tolerance=0.001))
+    assert "within" not in make_page(make_claim(tolerance=None)).partition("###")[2]
 
 
 def test_an_independent_check_comes_before_the_printed_value() -> None:
-    (one,) = check(toy(claims=(claim(paper=9.0, reference=0.0),)), list(toy().run(StudySettings())))
+    (one,) = check(make_toy(claims=(make_claim(paper=9.0, reference=0.0),)), list(make_toy().run(StudySettings())))
     assert one.agrees is True
-    (one,) = check(toy(claims=(claim(paper=0.0, reference="recordings"),)), list(toy().run(StudySettings())))
+    (one,) = check(
+        make_toy(claims=(make_claim(paper=0.0, reference="recordings"),)), list(make_toy().run(StudySettings()))
+    )
     assert one.agrees is True
 
 
 def test_a_better_figure_is_judged_where_there_is_no_same_one() -> None:
-    (one,) = check(toy(claims=(claim(same=None, better=lambda rows: 0.1),)), [])
+    (one,) = check(make_toy(claims=(make_claim(same=None, better=lambda rows: 0.1),)), [])
     assert one.agrees is True
-    (one,) = check(toy(claims=(claim(same=None, better=lambda rows: 0.3),)), [])
+    (one,) = check(make_toy(claims=(make_claim(same=None, better=lambda rows: 0.3),)), [])
     assert one.agrees is False
 
 
 def test_a_tolerance_may_depend_on_how_many_were_counted() -> None:
-    loose = claim(same=lambda rows: 0.3, tolerance=lambda rows: 3.0 / np.sqrt(rows[0]["trials"]))
+    loose = make_claim(same=lambda rows: 0.3, tolerance=lambda rows: 3.0 / np.sqrt(rows[0]["trials"]))
     for trials, agrees, reported in ((25, True, "| within 0.6 |"), (400, False, "| **not** within 0.15 |")):
-        (one,) = check(toy(claims=(loose,)), [{"trials": trials}])
+        (one,) = check(make_toy(claims=(loose,)), [{"trials": trials}])
         assert one.agrees is agrees
         assert reported[2:-2] == one.cells()[-1]
 
 
 def test_a_figure_that_cannot_be_made_has_its_reason() -> None:
-    text = page(claim(what="Figure 7", paper="6 of 8", same=None, tolerance=None, reference="needs a | recording"))
+    text = make_page(
+        make_claim(what="Figure 7", paper="6 of 8", same=None, tolerance=None, reference="needs a | recording")
+    )
     assert "| Figure 7 | 6 of 8 | needs a \\| recording |" in text
 
 
 def test_a_figure_that_is_not_found_never_agrees() -> None:
-    text = page(claim(same=lambda rows: rows[1]["mean"]))
+    text = make_page(make_claim(same=lambda rows: rows[1]["mean"]))
     assert "| not found |" in text
     assert "**not** within" in text
 
 
 def test_a_figure_that_protect_does_not_reach_says_so() -> None:
-    text = page(claim(), claim(protect=lambda rows: 0.25), claim(protect=lambda rows: math.nan))
+    text = make_page(make_claim(), make_claim(protect=lambda rows: 0.25), make_claim(protect=lambda rows: math.nan))
     assert [text.count(f"| {words} | within") for words in ("not reached", "0.25", "not run")] == [1, 1, 1]
-    (one,) = check(toy(claims=(claim(tolerance=None, protect=lambda rows: 9.0),)), [{"n": 1, "mean": 0.0}])
+    (one,) = check(make_toy(claims=(make_claim(tolerance=None, protect=lambda rows: 9.0),)), [{"n": 1, "mean": 0.0}])
     assert one.agrees is None
 
 
@@ -153,18 +157,18 @@ def test_what_no_command_reaches_stands_in_studies() -> None:
 
 
 def test_claims_that_differ_in_one_thing_share_a_row() -> None:
-    text = page(*(claim(what="kept", across=across) for across in ("10 s", "30 s")), claim(what="alone"))
+    text = make_page(*(make_claim(what="kept", across=across) for across in ("10 s", "30 s")), make_claim(what="alone"))
     assert text.count("| kept |") == 1
     assert "| 10 s | 30 s |" in text
     assert "| alone |" in text
 
 
 def test_a_study_without_claims_is_on_the_page() -> None:
-    assert "### `toy.mean`" in page()
+    assert "### `toy.mean`" in make_page()
 
 
 def test_the_same_seed_gives_the_same_page() -> None:
-    assert page(claim()) == page(claim())
+    assert make_page(make_claim()) == make_page(make_claim())
 
 
 @pytest.mark.parametrize("name", FOUND)
@@ -175,8 +179,8 @@ def test_the_charts_name_columns_in_words(name: str) -> None:
         assert chart.y_label
 
 
-def plain(rows: Iterable[Row]) -> str:
-    """As JSON; times are of the machine, and left out."""
+def write_plainly(rows: Iterable[Row]) -> str:
+    """Write rows as JSON without times, which are of the machine."""
     return json.dumps(
         [
             {k: v.item() if isinstance(v, np.generic) else v for k, v in row.items() if not k.startswith("ms_")}
@@ -191,7 +195,7 @@ def test_rows_are_plain_repeatable_and_hold_charts_and_claims(name: str) -> None
     study = FOUND[name]
     rows = list(study.run(StudySettings(quick=True)))
     assert rows
-    assert plain(rows) == plain(study.run(StudySettings(quick=True)))
+    assert write_plainly(rows) == write_plainly(study.run(StudySettings(quick=True)))
     for chart in study.charts:
         drawn = [row for row in rows if all(row.get(key) == value for key, value in chart.where.items())]
         assert any(row.get(chart.x) is not None and row.get(chart.y) is not None for row in drawn), chart.title

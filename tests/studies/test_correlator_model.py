@@ -27,7 +27,7 @@ START = np.datetime64("2022-03-01T06:00:00", "ns")
 
 @pytest.fixture(scope="module")
 def scene():
-    """False signals 3 dB weaker, 90 m behind: code loops settle between both, by the phase of each satellite."""
+    """Make false signals 3 dB weaker, 90 m behind, so that code loops settle between both."""
     place = {"lat_deg": 47.0, "lon_deg": 8.0}
     attack = Takeover(
         name="false",
@@ -50,8 +50,8 @@ def scene():
     return make_scene(scenario, make_nominal_constellation(START))
 
 
-def received(receiver, blocks):
-    """By satellite: mean C/N0, what codes show by epoch, and the mean size of the grids."""
+def receive(receiver, blocks):
+    """List by satellite: mean C/N0, what codes show by epoch, and the mean size of the grids."""
     state, outputs, arcs = ReceiverState(), [], {}
     for block in blocks:
         output, state = receiver.step(state, block)
@@ -76,11 +76,11 @@ def test_both_receivers_measure_the_same_where_signals_overlap(scene):
     settings = build_receiver_settings(GPS_SATS, Settings(), asked())
     count = round(0.5 * RATE_HZ)
     (samples,) = render_samples(scene.scenario, scene.navigation)
-    by_samples = received(
+    by_samples = receive(
         Receiver(RATE_HZ, 0.0, settings), (samples.read(first, count) for first in range(0, samples.n_samples, count))
     )
     receiver = ModelReceiver(scene, 0, settings, np.random.default_rng(1))
-    by_draw = received(receiver, (np.empty((1, 0, count)) for _ in range(round(SECONDS / 0.5))))
+    by_draw = receive(receiver, (np.empty((1, 0, count)) for _ in range(round(SECONDS / 0.5))))
     assert by_samples.keys() == by_draw.keys()
     assert len(by_draw) >= 5
     lost_db = []

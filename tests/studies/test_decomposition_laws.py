@@ -13,15 +13,15 @@ from skyproof.studies.decomposition_laws import (
 )
 
 
-def two_signals(rng, n, separation_chips, rate_hz):
-    """Noise variance and taps of two signals of random phases."""
+def draw_two_signals(rng, n, separation_chips, rate_hz):
+    """Draw noise variance and taps of two signals of random phases."""
     delays, variance = delay_dictionary(rate_hz), noise_variance(45.0, 0.02, rate_hz)
     delay = rng.uniform(-0.2, 0.2, (n, 1)) + [0.0, separation_chips]
     amplitude = np.array([1.0, 0.87]) * np.exp(2j * np.pi * rng.random((n, 2)))
     return variance, simulate_taps(delay, amplitude, variance, delays, rng)
 
 
-def null_statistics(rng, n, rate_hz, cn0_dbhz=45.0):
+def draw_null_statistics(rng, n, rate_hz, cn0_dbhz=45.0):
     delays, variance = delay_dictionary(rate_hz), noise_variance(cn0_dbhz, 0.02, rate_hz)
     delay, amplitude = rng.uniform(-0.5, 0.5, (n, 1)), np.exp(2j * np.pi * rng.random((n, 1)))
     return count_statistic(simulate_taps(delay, amplitude, variance, delays, rng), delays, variance)[0]
@@ -31,7 +31,7 @@ def test_one_signal_is_called_two_as_often_as_asked():
     rng = np.random.default_rng(13)
     test = count_test(delay_dictionary(5e6), rng, runs=6000)
     assert test.threshold(np.array([0.5, 0.1, 0.01])) == pytest.approx([5.4, 9.6, 14.6], rel=0.06)
-    p_value = test.p_value(null_statistics(rng, 6000, 5e6, cn0_dbhz=42.0))
+    p_value = test.p_value(draw_null_statistics(rng, 6000, 5e6, cn0_dbhz=42.0))
     for asked in (0.5, 0.1, 0.02):
         alarms = int(np.sum(p_value < asked))
         sigma = np.sqrt(6000 * asked * (1 - asked) * 2)  # the law is counted as coarsely
@@ -43,7 +43,7 @@ def test_two_signals_are_counted():
     rng = np.random.default_rng(14)
     delays = delay_dictionary(25e6)
     test = count_test(delays, rng, runs=1500)
-    variance, taps = two_signals(rng, 100, 0.1, 25e6)
+    variance, taps = draw_two_signals(rng, 100, 0.1, 25e6)
     assert np.mean(test.p_value(count_statistic(taps, delays, variance)[0]) < 1e-3) > 0.97
 
 
@@ -60,7 +60,7 @@ def test_p_values_of_the_count_are_uniform(rate_hz, quantiles):
     rng = np.random.default_rng(16)
     test = count_test(delay_dictionary(rate_hz), rng, runs=30_000)
     assert test.threshold(np.array([0.5, 0.1, 0.01, 0.001])) == pytest.approx(quantiles, rel=0.06)
-    p_value = test.p_value(null_statistics(rng, 30_000, rate_hz))
+    p_value = test.p_value(draw_null_statistics(rng, 30_000, rate_hz))
     assert stats.kstest(p_value, "uniform").statistic < 0.015
     for asked in (0.01, 0.001):
         assert np.mean(p_value < asked) == pytest.approx(asked, rel=0.2 + 3.0 / np.sqrt(30_000 * asked))

@@ -13,8 +13,8 @@ from skyproof.studies.double_difference import (
 )
 
 
-def single_differences(rng, shape, phi=0.0, constant_m=0.0):
-    """(..., Q, N, R-1) of false signals: nothing but noise. shape = (..., Q, N, R)."""
+def draw_differences(rng, shape, phi=0.0, constant_m=0.0):
+    """Draw (..., Q, N, R-1) single differences of false signals: nothing but noise. shape = (..., Q, N, R)."""
     noise = rng.standard_normal(shape)
     for n in range(1, shape[-2]):
         noise[..., n, :] = phi * noise[..., n - 1, :] + np.sqrt(1 - phi**2) * noise[..., n, :]
@@ -26,7 +26,7 @@ def single_differences(rng, shape, phi=0.0, constant_m=0.0):
 @pytest.mark.parametrize("receivers", [2, 3, 5])
 def test_false_pairs_are_missed_at_the_rate_for_any_receivers(receivers, n):
     trials = 2_000_000 // (n * receivers)
-    sd = single_differences(np.random.default_rng(receivers), (trials, 2, n, receivers))
+    sd = draw_differences(np.random.default_rng(receivers), (trials, 2, n, receivers))
     p_value = difference_test(sd[:, 0] - sd[:, 1]).p_value
     assert binomial_two_sided(int(np.sum(p_value < 0.01)), trials, 0.01) > 1e-4
 
@@ -38,7 +38,7 @@ def test_the_degrees_of_freedom_count_all_receivers():
 
 def test_the_fast_form_equals_the_plain_one():
     rng = np.random.default_rng(1)
-    sd = single_differences(rng, (6, 10, 3), phi=0.5) + rng.standard_normal((6, 1, 2))
+    sd = draw_differences(rng, (6, 10, 3), phi=0.5) + rng.standard_normal((6, 1, 2))
     fast = pair_tests(sd, phi=0.4, constant_sigma_m=0.5)
     for k in range(6):
         for l in range(k):  # noqa: E741
@@ -50,14 +50,14 @@ def test_the_fast_form_equals_the_plain_one():
 
 def test_a_baseline_is_seen():
     rng = np.random.default_rng(2)
-    assert difference_test(single_differences(rng, (30, 2)) + 5.0).p_value < 1e-6
+    assert difference_test(draw_differences(rng, (30, 2)) + 5.0).p_value < 1e-6
 
 
 @pytest.mark.parametrize(("phi", "most"), [(0.5, 0.015), (0.9, 0.045)])
 def test_correlated_noise_is_covered_by_the_pooled_coefficient(phi, most):
     # The guide's 28 single differences of 7 satellites with two tracks each; its figures 0.011 to 0.013, and 0.029.
     rng = np.random.default_rng(3)
-    tracks = single_differences(rng, (1000, 28, 30, 2), phi)
+    tracks = draw_differences(rng, (1000, 28, 30, 2), phi)
     corrected = pair_tests(tracks[:, :7], phi=estimate_pooled_correlation(tracks)).p_value
     plain = pair_tests(tracks[:, :7]).p_value
     pairs = np.triu_indices(7, 1)
@@ -68,7 +68,7 @@ def test_correlated_noise_is_covered_by_the_pooled_coefficient(phi, most):
 @pytest.mark.parametrize("n", [10, 30, 120])
 def test_an_allowed_constant_error_does_not_authenticate(n):
     trials = 4000
-    dd = np.diff(single_differences(np.random.default_rng(4), (trials, 2, n, 2), constant_m=1.0), axis=1)[:, 0]
+    dd = np.diff(draw_differences(np.random.default_rng(4), (trials, 2, n, 2), constant_m=1.0), axis=1)[:, 0]
     assert np.mean(difference_test(dd, constant_sigma_m=1.0).p_value < 0.01) < 0.0125
     assert np.mean(difference_test(dd).p_value < 0.01) > 0.2
 
@@ -115,7 +115,7 @@ def test_two_tracks_left_leave_none_usable():
 @pytest.mark.parametrize("receivers", [2, 3, 5])
 def test_every_detector_misses_false_pairs_as_often_as_stated(tested, sigma_m, receivers):
     trials = 40_000
-    sd = single_differences(np.random.default_rng(receivers), (trials, 2, 12, receivers))
+    sd = draw_differences(np.random.default_rng(receivers), (trials, 2, 12, receivers))
     test = difference_test(sd[:, 0] - sd[:, 1], tested=tested, sigma_m=sigma_m)
     assert test.dof_num == (2 if tested == "line" else 1) * (receivers - 1)
     assert test.dof_den == (10 * (receivers - 1) if sigma_m is None else np.inf)
@@ -134,14 +134,14 @@ def test_the_slope_does_not_see_the_offset_that_carriers_have():
 
 @pytest.mark.parametrize(("receivers", "rate"), [(2, 0.31), (3, 0.53), (5, 0.75)])
 def test_the_printed_root_gives_the_rates_of_the_guide(receivers, rate):
-    sd = single_differences(np.random.default_rng(5), (20_000, 2, 30, receivers))
+    sd = draw_differences(np.random.default_rng(5), (20_000, 2, 30, receivers))
     test = difference_test(sd[:, 0] - sd[:, 1], sigma_m=1.0, whitened=False)
     assert np.mean(test.p_value < 0.01) == pytest.approx(rate, abs=0.015)
 
 
 @pytest.mark.parametrize(("receivers", "rate"), [(3, 0.055), (5, 0.33)])
 def test_the_printed_degrees_of_freedom_give_the_guides_rates(receivers, rate):
-    sd = single_differences(np.random.default_rng(6), (20_000, 2, 30, receivers))
+    sd = draw_differences(np.random.default_rng(6), (20_000, 2, 30, receivers))
     test = difference_test(sd[:, 0] - sd[:, 1], sigma_m=1.0, degrees="printed")
     assert np.mean(test.p_value < 0.01) == pytest.approx(rate, abs=0.015)
 
@@ -149,7 +149,7 @@ def test_the_printed_degrees_of_freedom_give_the_guides_rates(receivers, rate):
 @pytest.mark.parametrize("tested", ["line", "slope"])
 @pytest.mark.parametrize("sigma_m", [None, 0.7])
 def test_the_fast_form_of_every_detector_equals_the_plain_one(tested, sigma_m):
-    sd = single_differences(np.random.default_rng(7), (5, 10, 3))
+    sd = draw_differences(np.random.default_rng(7), (5, 10, 3))
     fast = pair_tests(sd, tested=tested, sigma_m=sigma_m)
     plain = difference_test(sd[1] - sd[3], tested=tested, sigma_m=sigma_m)
     assert fast.statistic[1, 3] == pytest.approx(float(plain.statistic), rel=1e-9)
@@ -162,7 +162,7 @@ def test_the_fast_form_of_every_detector_equals_the_plain_one(tested, sigma_m):
 def test_the_power_is_what_is_counted(tested, known):
     rng = np.random.default_rng(8)
     mean = np.linspace(0.2, 2.2, 20)[:, None] * np.array([1.0, -0.4])
-    sd = single_differences(rng, (20_000, 2, 20, 3))
+    sd = draw_differences(rng, (20_000, 2, 20, 3))
     test = difference_test(mean + sd[:, 0] - sd[:, 1], tested=tested, sigma_m=1.0 if known else None)
     power = float(line_power(mean, 0.01, 1.0, tested=tested, known=known))
     assert 0.05 < power < 0.95
@@ -181,7 +181,7 @@ def test_the_thresholds_are_those_of_the_guide(n, two, one):
 @pytest.mark.parametrize("receivers", [2, 3, 5])
 def test_p_values_of_false_pairs_are_uniform(tested, sigma_m, receivers):
     trials = 300_000
-    sd = single_differences(np.random.default_rng(30 + receivers), (trials, 2, 8, receivers))
+    sd = draw_differences(np.random.default_rng(30 + receivers), (trials, 2, 8, receivers))
     p_value = difference_test(sd[:, 0] - sd[:, 1], tested=tested, sigma_m=sigma_m).p_value
     assert stats.kstest(p_value, "uniform").pvalue > 1e-3
     for tail in (1e-2, 1e-3, 1e-4):

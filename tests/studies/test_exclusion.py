@@ -10,7 +10,7 @@ FIX = np.diag([1.5, 1.5, 3.0]) ** 2
 TACTICAL = np.diag([92.0, 92.0, 12.4]) ** 2
 
 
-def chosen(rng, n, covariance, offset, **options):
+def draw_chosen(rng, n, covariance, offset, **options):
     place = rng.standard_normal((n, 3)) @ np.linalg.cholesky(covariance).T
     fixes = np.stack([np.zeros(3), offset]) + rng.standard_normal((n, 2, 3)) @ np.sqrt(FIX)
     return choose_fix(place, covariance, fixes, FIX, **options)
@@ -28,7 +28,7 @@ def chosen(rng, n, covariance, offset, **options):
 def test_the_wrong_fix_is_nearer_as_often_as_predicted(covariance, offset):
     rng = np.random.default_rng(1)
     n = 200_000
-    wrong = np.mean(chosen(rng, n, covariance, offset).nearest == 1)
+    wrong = np.mean(draw_chosen(rng, n, covariance, offset).nearest == 1)
     predicted = wrong_choice_probability(offset, covariance, FIX)
     assert wrong == pytest.approx(predicted, abs=4.5 * np.sqrt(predicted / n))
 
@@ -44,17 +44,17 @@ def test_the_rule_of_thumb_has_the_guides_figures():
 
 
 def test_the_true_fix_fails_its_test_as_often_as_stated():
-    found = chosen(np.random.default_rng(2), 100_000, TACTICAL, OFFSET)
+    found = draw_chosen(np.random.default_rng(2), 100_000, TACTICAL, OFFSET)
     for asked in (0.1, 0.01):
         assert np.mean(found.p_value[:, 0] < asked) == pytest.approx(asked, rel=0.1)
 
 
 def test_a_choice_is_wrong_less_often_than_asked():
     rng = np.random.default_rng(3)
-    found = chosen(rng, 200_000, np.diag([93.0, 93.0, 17.3]) ** 2, OFFSET)
+    found = draw_chosen(rng, 200_000, np.diag([93.0, 93.0, 17.3]) ** 2, OFFSET)
     assert np.mean(found.chosen == 1) < 1e-3
     assert np.mean(found.chosen == -1) == pytest.approx(0.34, abs=0.03)  # guide: 34 %
-    rough = chosen(rng, 2000, np.diag([650.0, 650.0, 200.0]) ** 2, OFFSET)
+    rough = draw_chosen(rng, 2000, np.diag([650.0, 650.0, 200.0]) ** 2, OFFSET)
     assert np.mean(rough.chosen == -1) > 0.99
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.studies.quick import hold, rows_of
+from tests.studies.quick import assert_holds, run_study
 
 from skyproof.studies.ins_array import STUDIES
 
@@ -11,7 +11,7 @@ NAMES = ("threshold", "roc", "dead-zone", "solid-angle", "scenarios", "position-
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_claim_is_held_and_quick_is_quick(name):
-    hold(f"ins-array.{name}")
+    assert_holds(f"ins-array.{name}")
 
 
 def test_all_studies_are_named():
@@ -19,7 +19,7 @@ def test_all_studies_are_named():
 
 
 def test_dead_zones_have_the_papers_counts():
-    rows = {row["baseline"]: row for row in rows_of("ins-array.dead-zone")}
+    rows = {row["baseline"]: row for row in run_study("ins-array.dead-zone")}
     assert (rows[1]["max_blocks"], rows[5]["max_blocks"]) == (1554, 232)
     assert rows[1]["fraction"] == pytest.approx(0.04796, abs=5e-6)
     assert rows[5]["fraction"] == pytest.approx(0.00716, abs=5e-6)
@@ -27,7 +27,7 @@ def test_dead_zones_have_the_papers_counts():
 
 
 def test_scenarios_have_the_promised_rates():
-    rows = rows_of("ins-array.scenarios", quick=False)
+    rows = run_study("ins-array.scenarios", quick=False)
     keys = {"location", "scenario", "sat", "p_d_theory", "p_d_simulated", "p_fa_simulated", "errors", "test"}
     assert all(set(row) == keys for row in rows)
     with_errors = [row for row in rows if row["errors"]]
@@ -56,7 +56,7 @@ def test_scenarios_have_the_promised_rates():
 
 
 def test_position_errors_of_each_kind():
-    rows = rows_of("ins-array.position-error", quick=False)
+    rows = run_study("ins-array.position-error", quick=False)
     found = {(r["assumption"], r["baseline"], r["elevation_deg"]): r["p_fa"] for r in rows}
     expected = {
         "per antenna and axis": (0.266, 0.272, 0.268, 0.266),
@@ -80,7 +80,7 @@ def test_position_errors_of_each_kind():
 
 
 def test_the_worst_places_are_low_not_at_the_zenith():
-    rows = rows_of("ins-array.solid-angle")
+    rows = run_study("ins-array.solid-angle")
     for side, worst, at_deg, zenith in ((1.0, 0.01008, 18.2, 0.002745), (5.0, 0.00089, 8.0, 0.00011)):
         of_side = [row for row in rows if row["baseline"] == side]
         top = max(of_side, key=lambda row: row["share"])
@@ -94,11 +94,11 @@ def test_the_worst_places_are_low_not_at_the_zenith():
 
 def test_the_seed_gives_the_rows():
     for name in ("threshold", "scenarios"):
-        assert rows_of(f"ins-array.{name}", trials=500) == rows_of.__wrapped__(f"ins-array.{name}", trials=500)
-        assert rows_of(f"ins-array.{name}", trials=500) != rows_of(f"ins-array.{name}", trials=500, seed=2)
+        assert run_study(f"ins-array.{name}", trials=500) == run_study.__wrapped__(f"ins-array.{name}", trials=500)
+        assert run_study(f"ins-array.{name}", trials=500) != run_study(f"ins-array.{name}", trials=500, seed=2)
 
 
 def test_a_million_draws_in_one_call():
-    rows = rows_of("ins-array.threshold", trials=1_000_000)
+    rows = run_study("ins-array.threshold", trials=1_000_000)
     assert rows[1]["trials"] == 1_000_000
     assert rows[1]["p_fa_simulated"] == pytest.approx(0.01, abs=4e-4)

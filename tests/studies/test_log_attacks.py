@@ -27,7 +27,7 @@ ONSET = 8
 SCENE = MeasuredScene(antennas_enu_m={"rx1": (0.0, 0.0, 0.0)}, epochs=20)
 
 
-def records() -> Records:
+def make_records() -> Records:
     """Return a clean window in which all observables stand."""
     drawn = SCENE.records(np.random.default_rng(3))
     (o,) = drawn.observations
@@ -38,9 +38,9 @@ def records() -> Records:
     return replace(drawn, observations=(o,))
 
 
-def attacked(shift: FalseShift, signals=None) -> tuple[Observations, Observations, np.ndarray]:
+def attack(shift: FalseShift, signals=None) -> tuple[Observations, Observations, np.ndarray]:
     """Return measurements before and after, and how far the fix of codes moved, east north up and clock, (n, 4)."""
-    drawn = records()
+    drawn = make_records()
     (o,) = drawn.observations
     place_m = true_place_ecef_m(o, drawn.navigation)
     chosen = np.ones(len(o.signals), np.bool_) if signals is None else signals
@@ -52,14 +52,14 @@ def attacked(shift: FalseShift, signals=None) -> tuple[Observations, Observation
     return o, false, np.column_stack([moved_m, clock_m])
 
 
-def onset_s() -> float:
-    return float(records().observations[0].elapsed_s[ONSET])
+def find_onset_s() -> float:
+    return float(make_records().observations[0].elapsed_s[ONSET])
 
 
 @pytest.mark.parametrize("jump_enu_m", [(300.0, -200.0, 50.0), (40_000.0, 20_000.0, -100.0)])
 def test_codes_show_the_false_place_and_time(jump_enu_m) -> None:
     clock_s = 3e-6
-    _, _, moved = attacked(FalseShift(onset_s=onset_s(), jump_enu_m=jump_enu_m, clock_s=clock_s))
+    _, _, moved = attack(FalseShift(onset_s=find_onset_s(), jump_enu_m=jump_enu_m, clock_s=clock_s))
     assert np.abs(moved[:ONSET]).max() < 1e-3
     # Models of the atmosphere see the satellites a little higher or lower from the false place.
     tolerance_m = 1e-4 * np.linalg.norm(jump_enu_m) + 0.01
@@ -68,16 +68,16 @@ def test_codes_show_the_false_place_and_time(jump_enu_m) -> None:
 
 
 def test_residuals_are_those_of_the_true_sky() -> None:
-    drawn = records()
+    drawn = make_records()
     (o,) = drawn.observations
-    _, false, _ = attacked(FalseShift(onset_s=onset_s(), jump_enu_m=(500.0, 0.0, 0.0)))
+    _, false, _ = attack(FalseShift(onset_s=find_onset_s(), jump_enu_m=(500.0, 0.0, 0.0)))
     residuals_m = [fix(each, drawn.navigation).residual_m for each in (o, false)]
     assert np.nanmax(np.abs(residuals_m[1] - residuals_m[0])) < 0.05
 
 
 def test_carriers_and_dopplers_go_with_the_codes() -> None:
-    shift = FalseShift(onset_s=onset_s(), velocity_enu_m_s=(5.0, 3.0, 0.0), clock_drift=1e-8, breaks=False)
-    o, false, _ = attacked(shift)
+    shift = FalseShift(onset_s=find_onset_s(), velocity_enu_m_s=(5.0, 3.0, 0.0), clock_drift=1e-8, breaks=False)
+    o, false, _ = attack(shift)
     wavelength_m = SPEED_OF_LIGHT_M_S / o.carrier_hz
     longer_m = false.pseudorange_m - o.pseudorange_m
     assert np.abs(longer_m[-1]).max() > 10.0
@@ -94,22 +94,22 @@ def test_a_drag_reaches_its_speed_at_its_acceleration() -> None:
 
 
 def test_other_signals_stay_as_they_are() -> None:
-    (o,) = records().observations
+    (o,) = make_records().observations
     chosen = select_signals(o, "satellite", satellite=o.signals[2].sat)
-    before, false, _ = attacked(FalseShift(onset_s=onset_s(), jump_enu_m=(900.0, 0.0, 0.0)), chosen)
+    before, false, _ = attack(FalseShift(onset_s=find_onset_s(), jump_enu_m=(900.0, 0.0, 0.0)), chosen)
     changed = (false.pseudorange_m != before.pseudorange_m).any(axis=0)
     assert np.array_equal(changed, chosen)
     assert chosen.sum() == 1
 
 
 def test_carriers_break_at_the_onset_of_a_jump() -> None:
-    _, false, _ = attacked(FalseShift(onset_s=onset_s(), jump_enu_m=(900.0, 0.0, 0.0)))
+    _, false, _ = attack(FalseShift(onset_s=find_onset_s(), jump_enu_m=(900.0, 0.0, 0.0)))
     assert (false.status[ONSET] == CellStatus.SLIP).all()
     assert (np.delete(false.status, ONSET, axis=0) == CellStatus.OK).all()
 
 
 def test_jamming_weakens_and_loses_what_is_too_weak() -> None:
-    (o,) = records().observations
+    (o,) = make_records().observations
     levels_dbhz = np.broadcast_to(np.linspace(30.0, 48.0, len(o.signals)), o.status.shape)
     o = replace(o, cn0_dbhz=levels_dbhz)
     jamming = Jamming(begin_s=float(o.elapsed_s[5]), end_s=float(o.elapsed_s[10]), loss_db=12.0)
@@ -123,8 +123,8 @@ def test_jamming_weakens_and_loses_what_is_too_weak() -> None:
 
 @pytest.mark.parametrize("how", TORN)
 def test_a_torn_receiver_writes_what_the_kind_says(how) -> None:
-    o, false, _ = attacked(FalseShift(onset_s=onset_s(), jump_enu_m=(900.0, 0.0, 0.0), clock_s=1e-5))
-    torn = put_tearing(o, false, Tearing(onset_s=onset_s(), how=how, share=0.5), np.random.default_rng(1))
+    o, false, _ = attack(FalseShift(onset_s=find_onset_s(), jump_enu_m=(900.0, 0.0, 0.0), clock_s=1e-5))
+    torn = put_tearing(o, false, Tearing(onset_s=find_onset_s(), how=how, share=0.5), np.random.default_rng(1))
     after = torn.pseudorange_m[ONSET:]
     assert np.array_equal(torn.pseudorange_m[:ONSET], o.pseudorange_m[:ONSET])
     present = np.isfinite(after)
@@ -141,7 +141,7 @@ def test_a_torn_receiver_writes_what_the_kind_says(how) -> None:
 
 
 def test_codes_alone_have_neither_carriers_nor_dopplers() -> None:
-    (o,) = records().observations
+    (o,) = make_records().observations
     alone = drop_carriers(o)
     assert not np.isfinite(alone.carrier_cyc).any()
     assert not np.isfinite(alone.doppler_hz).any()

@@ -29,8 +29,8 @@ from skyproof.studies.multi_receiver_scene import (
 from skyproof.studies.validation import check
 
 
-def kept(decision, pair, window_s, noise, *, carrier=False, windows=2):
-    """True and false signals kept, mean over all geometries."""
+def count_kept(decision, pair, window_s, noise, *, carrier=False, windows=2):
+    """Count the true and false signals kept, mean over all geometries."""
     rng = np.random.default_rng(1)
     found = []
     for geometry in geometries():
@@ -44,11 +44,11 @@ def kept(decision, pair, window_s, noise, *, carrier=False, windows=2):
     return np.mean([one.true for one in found]), np.mean([one.false for one in found])
 
 
-def paper(code_m, _):
+def decide_as_paper(code_m, _):
     return paper_decision(code_m, tested="line")
 
 
-def ours(code_m, geometry):
+def decide(code_m, geometry):
     return group_decision(split(code_m, geometry))
 
 
@@ -121,40 +121,40 @@ def test_errors_have_the_variance_and_correlation_they_name(name):
 
 
 def test_the_papers_rule_keeps_six_of_seven_and_nothing_false():
-    true, false = kept(paper, ("rx1", "rx8"), 30, Noise(sigma_m=2.0), windows=10)
+    true, false = count_kept(decide_as_paper, ("rx1", "rx8"), 30, Noise(sigma_m=2.0), windows=10)
     assert true > 6.0
     assert false < 0.01
 
 
 def test_under_correlated_noise_only_the_papers_rule_fails():
     noise = NOISES["AR(1) 0.9"]
-    assert kept(paper, ("rx1", "rx8"), 30, noise)[1] > 5.0
-    assert kept(ours, ("rx1", "rx8"), 30, noise) == (7.0, 0.0)
+    assert count_kept(decide_as_paper, ("rx1", "rx8"), 30, noise)[1] > 5.0
+    assert count_kept(decide, ("rx1", "rx8"), 30, noise) == (7.0, 0.0)
 
 
 @pytest.mark.parametrize("sigma_m", [1.0, 2.0])
 def test_ours_keeps_all_seven_at_20_m_in_15_s(sigma_m):
-    assert kept(ours, ("rx1", "rx8"), 15, Noise(sigma_m=sigma_m), windows=20) == (7.0, 0.0)
+    assert count_kept(decide, ("rx1", "rx8"), 15, Noise(sigma_m=sigma_m), windows=20) == (7.0, 0.0)
 
 
 @pytest.mark.parametrize("noise", [Noise(), Noise(sigma_m=2.0), NOISES["AR(1) 0.5"]])
 def test_ours_keeps_all_seven_at_5_m_in_30_s(noise):
     places_m = np.array([PLACES["rx1"], PLACES["rx6"]])
 
-    def known(code_m, geometry):
+    def decide_known(code_m, geometry):
         return group_decision(split(code_m, geometry), places_m)
 
-    for decision in (ours, known):
-        assert kept(decision, ("rx1", "rx6"), 30, noise, windows=20) == (7.0, 0.0)
+    for decision in (decide, decide_known):
+        assert count_kept(decision, ("rx1", "rx6"), 30, noise, windows=20) == (7.0, 0.0)
 
 
 def test_carrier_fractions_keep_all_seven_at_1_m_in_5_s():
-    assert kept(ours, ("rx1", "rx5"), 5, NOISES["white"], carrier=True, windows=10) == (7.0, 0.0)
+    assert count_kept(decide, ("rx1", "rx5"), 5, NOISES["white"], carrier=True, windows=10) == (7.0, 0.0)
 
 
 def test_where_fractions_coincide_by_chance_code_decides():
     # In one of these skies they do over 100 m, for a quarter of a minute.
-    assert kept(ours, ("rx3", "rx4"), 15, NOISES["white"], carrier=True, windows=10) == (7.0, 0.0)
+    assert count_kept(decide, ("rx3", "rx4"), 15, NOISES["white"], carrier=True, windows=10) == (7.0, 0.0)
 
 
 # What no test can exceed
@@ -192,7 +192,7 @@ def test_the_bound_is_the_power_of_the_best_test(known):
 def test_ours_reaches_nearly_what_can_be_reached_and_no_more():
     noise, window_s, names = NOISES["1 m per track"], 10, ("rx1", "rx6")
     most = bound_decided(names, window_s, mean_variance_m2(noise, window_s), ALPHA_OURS, known=False)
-    true, _ = kept(ours, names, window_s, noise, windows=200)
+    true, _ = count_kept(decide, names, window_s, noise, windows=200)
     assert 0.9 * most.noise_unknown < true / SATS < most.noise_unknown + 0.02 < most.noise_given
 
 

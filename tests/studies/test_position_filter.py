@@ -11,8 +11,8 @@ from skyproof.studies.position_filter import FilterSettings, step
 STATIC, KINEMATIC = FilterSettings(mode="static"), FilterSettings(mode="kinematic")
 
 
-def driven(rng, settings, *, n=40, doppler=True, sats=9):
-    """Observations that follow the filter's own model in every part, with the truth (n, 4) of place and clock."""
+def draw_driven(rng, settings, *, n=40, doppler=True, sats=9):
+    """Draw observations that follow the filter's own model, with the truth (n, 4) of place and clock."""
     nav, place = sky.make_navigation(), sky.place(48.0, 11.0, 400.0)
     walk = np.linalg.cholesky(np.array([[1 / 3, 1 / 2], [1 / 2, 1.0]]))
     path, velocity = np.zeros((n, 3)), np.zeros(3)
@@ -54,7 +54,7 @@ def driven(rng, settings, *, n=40, doppler=True, sats=9):
     return seen, nav, np.column_stack((place + path, clock))
 
 
-def errors(found, truth):
+def find_errors(found, truth):
     return np.column_stack((found.fix.position_ecef_m, sky.C * found.fix.clock_bias_s)) - truth
 
 
@@ -67,9 +67,9 @@ def test_errors_and_innovations_are_as_large_as_the_filter_says(settings, dopple
     rng = np.random.default_rng(11)
     trials, nees, nis, dof = 30, [], 0.0, 0
     for _ in range(trials):
-        seen, nav, truth = driven(rng, settings, doppler=doppler)
+        seen, nav, truth = draw_driven(rng, settings, doppler=doppler)
         found, _ = step(None, seen, nav, settings=replace(settings, false_alarm_probability=1e-9))
-        error = errors(found, truth)[-1]
+        error = find_errors(found, truth)[-1]
         nees.append(error @ np.linalg.solve(found.fix.covariance_m2[-1], error))
         inner = slice(2, -1)  # the generator's Doppler at the ends is a difference to one side
         nis, dof = nis + found.nis[inner].sum(), dof + int(found.nis_dof[inner].sum())

@@ -62,23 +62,23 @@ def test_moving_scenes_do_not_state_that_they_stand():
 
 
 @pytest.fixture(scope="module")
-def measured():
+def measurements():
     scenario = read_ready_made("starts-spoofed").model_copy(update={"duration_s": 20.0})
     scene = make_scene(scenario, make_navigation(scenario))
     observed, labels = simulate_observations(scenario, scene.navigation, rng=np.random.default_rng(1))
     return scene, observed, labels
 
 
-def test_the_truth_of_labels_is_that_of_the_simulator(measured):
-    scene, observed, labels = measured
+def test_the_truth_of_labels_is_that_of_the_simulator(measurements):
+    scene, observed, labels = measurements
     for o, sky in zip(observed, scene.skies, strict=True):
         found = true_labels(o, sky, scene)
         for column, signal in enumerate(o.signals):
             assert set(found[:, column]) == {labels[SignalRef(o.receiver, signal)]}
 
 
-def test_a_label_that_is_false_for_a_second_is_reported(measured):
-    scene, observed, labels = measured
+def test_a_label_that_is_false_for_a_second_is_reported(measurements):
+    scene, observed, labels = measurements
     o = observed[0]
     receiver = SimpleNamespace(reception=SimpleNamespace(source=SimpleNamespace(name=o.receiver), observations=o))
     right = [
@@ -92,13 +92,13 @@ def test_a_label_that_is_false_for_a_second_is_reported(measured):
         assert len(list(false_labels(scene, outcome))) == faults
 
 
-def test_an_earlier_attack_begins_with_the_first_sample(measured):
-    scene, _, _ = measured
+def test_an_earlier_attack_begins_with_the_first_sample(measurements):
+    scene, _, _ = measurements
     assert onset_s(scene) == pytest.approx(min(sky.receiver.start_offset_s for sky in scene.skies))
 
 
-def test_errors_are_in_space_and_bounds_level(measured):
-    scene, _, _ = measured
+def test_errors_are_in_space_and_bounds_level(measurements):
+    scene, _, _ = measurements
     sky = scene.skies[0]
     at = sky.point(np.array([5.0]))
     up = at.position_ecef_m[0] / np.linalg.norm(at.position_ecef_m[0])
@@ -182,27 +182,27 @@ def test_every_scene_has_every_equipment_that_it_can():
     assert {name for _, name in left_out} == {"standing", "second receiver at 20 m"}
 
 
-def quick_scenario():
+def make_quick_scenario():
     (asked,) = matrix.cells(StudySettings(quick=True))
     return asked.scenario
 
 
 @pytest.mark.long
 def test_the_first_antenna_of_an_array_receives_as_a_single(tmp_path):
-    one, three = make_rows(quick_scenario(), ("one receiver", "three antennas"), tmp_path)
+    one, three = make_rows(make_quick_scenario(), ("one receiver", "three antennas"), tmp_path)
     assert (one["equipment"], three["equipment"]) == ("one receiver", "three antennas")
     assert len(list(tmp_path.glob("*.bin"))) == 3
     assert one["wrong_fixes"] == three["wrong_fixes"] == 0
     alone = tmp_path / "alone"
     alone.mkdir()
-    (again,) = make_rows(quick_scenario(), ("one receiver",), alone)
+    (again,) = make_rows(make_quick_scenario(), ("one receiver",), alone)
     assert {**again, "seconds": 0.0} == {**one, "seconds": 0.0}
 
 
 def test_equipment_with_an_extra_antenna_needs_own_samples(tmp_path, monkeypatch):
     monkeypatch.setattr(cell, "write_samples", lambda scene, folder, container: [folder] * len(scene.skies))
     with pytest.raises(ValueError, match=r"at 20 m: .*\bantenna\b"):
-        make_rows(quick_scenario(), ("second receiver at 20 m", "three antennas"), tmp_path)
+        make_rows(make_quick_scenario(), ("second receiver at 20 m", "three antennas"), tmp_path)
 
 
 @pytest.mark.long

@@ -9,9 +9,11 @@ from skyproof.studies.protection_level import RISKS, STUDIES
 (STUDY,) = STUDIES
 
 
-def held(rows):
-    """No more are beyond than asked, whatever the bias; and on one axis, without a fault, as many as
-    the covariance has."""
+def assert_held(rows):
+    """Check that no more errors exceed the level than requested, whatever the bias.
+
+    On one axis, without a fault, as many do as the covariance has.
+    """
     for row in rows:
         risk, trials = row["integrity_risk"], row["trials"]
         assert stats.binomtest(row["beyond"], trials, risk, alternative="greater").pvalue > 1e-4, row
@@ -27,7 +29,7 @@ def rows():
 
 
 def test_no_more_fixes_are_beyond_their_level_than_asked(rows):
-    held(rows)
+    assert_held(rows)
     assert {row["integrity_risk"] for row in rows} == set(RISKS)
 
 
@@ -43,5 +45,5 @@ def test_a_detected_bias_has_no_level_and_others_move_the_fix(rows):
 @pytest.mark.long
 def test_fixes_beyond_their_level_keep_the_asked_rate():
     found = list(STUDY.run(StudySettings()))
-    held(found)
+    assert_held(found)
     assert max(row["beyond"] for row in found) > 0  # the level is no larger than need be by far

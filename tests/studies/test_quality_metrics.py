@@ -8,16 +8,16 @@ from skyproof.studies import quality_metrics as sqm
 from skyproof.studies.discriminator_laws import prompt_amplitude
 
 
-def drawn(rng, trials, amplitude, spacing):
-    """Early, prompt, late of a signal in lock, noise with the covariance of the taps."""
+def draw_taps(rng, trials, amplitude, spacing):
+    """Draw early, prompt, late of a signal in lock, noise with the covariance of the taps."""
     delays = np.array([-spacing, 0.0, spacing])
     root = np.linalg.cholesky(sqm.tap_covariance(delays) + 1e-12 * np.eye(3))
     noise = rng.standard_normal((trials, 3)) @ root.T + 1j * rng.standard_normal((trials, 3)) @ root.T
     return tuple((noise + amplitude * triangle(delays)).T)
 
 
-def overlapped(spacing, share, delay, phase):
-    """In-phase and quadrature taps without noise, a second signal over the tracked one."""
+def overlap(spacing, share, delay, phase):
+    """Add a second signal to the tracked one: in-phase and quadrature taps without noise."""
     offsets = np.array([-spacing, 0.0, spacing])
     return tuple(triangle(offsets) + share * np.exp(1j * phase) * triangle(offsets - delay))
 
@@ -45,7 +45,7 @@ def test_a_wide_pair_has_the_wide_law():
 @pytest.mark.parametrize("spacing", [0.1, 0.5])
 @pytest.mark.parametrize("amplitude", [4.472, 14.14])
 def test_p_values_of_delta_and_ratio_are_uniform(amplitude, spacing):
-    taps = drawn(np.random.default_rng(1), 100_000, amplitude, spacing)
+    taps = draw_taps(np.random.default_rng(1), 100_000, amplitude, spacing)
     for metric, law in ((sqm.delta_metric, sqm.delta_law), (sqm.ratio_metric, sqm.ratio_law)):
         p_value = sqm.ratio_p_value(metric(*taps), law(spacing), amplitude)
         assert stats.kstest(p_value, "uniform").pvalue > 1e-4
@@ -54,7 +54,7 @@ def test_p_values_of_delta_and_ratio_are_uniform(amplitude, spacing):
 
 @pytest.mark.parametrize("amplitude", [3.0, 14.14])
 def test_deviates_are_normal_whatever_the_amplitude(amplitude):
-    early, prompt, late = drawn(np.random.default_rng(7), 100_000, amplitude, 0.5)
+    early, prompt, late = draw_taps(np.random.default_rng(7), 100_000, amplitude, 0.5)
     for metric, law in ((sqm.delta_metric, sqm.delta_law(0.5)), (sqm.ratio_metric, sqm.ratio_law(0.5))):
         value = metric(early, prompt, late)
         deviate = sqm.ratio_deviate(value, prompt, law)
@@ -106,7 +106,7 @@ def test_thresholds_leave_half_of_the_probability_on_each_side(law):
 
 def test_magnitudes_spread_as_delta_does():
     amplitude = float(prompt_amplitude(40, 10))
-    taps = drawn(np.random.default_rng(2), 100_000, amplitude, 0.5)
+    taps = draw_taps(np.random.default_rng(2), 100_000, amplitude, 0.5)
     assert np.std(sqm.magnitude_difference(*taps)) == pytest.approx(0.0499, abs=5e-4)
 
 
@@ -137,13 +137,13 @@ def test_slow_and_fast_correlators(offset_hz, coherent_s, sigma, slope):
     ("delay", "delta", "ratio"), [(0.3, -0.1765, 0.5882), (0.8, -0.2917, 0.7083), (1.4, -0.05, 0.55), (1.5, 0.0, 0.5)]
 )
 def test_an_overlapping_signal_distorts(delay, delta, ratio):
-    taps = overlapped(0.5, 1.0, delay, 0.0)
+    taps = overlap(0.5, 1.0, delay, 0.0)
     assert sqm.delta_metric(*taps) == pytest.approx(delta, abs=6e-5)
     assert sqm.ratio_metric(*taps) == pytest.approx(ratio, abs=6e-5)
 
 
 def test_a_signal_in_quadrature_shows_in_magnitudes_only():
-    taps = overlapped(0.5, 1.0, 0.5, np.pi / 2)
+    taps = overlap(0.5, 1.0, 0.5, np.pi / 2)
     assert sqm.delta_metric(*taps) == pytest.approx(0.0, abs=1e-12)
     assert sqm.ratio_metric(*taps) == pytest.approx(0.5, abs=1e-12)
     assert abs(sqm.magnitude_difference(*taps)) > 0.1
@@ -176,7 +176,7 @@ def test_alarms_of_sliding_windows_come_in_clusters():
 
 @pytest.mark.long
 def test_tails_of_the_exact_laws_in_a_million_draws():
-    taps = drawn(np.random.default_rng(6), 1_000_000, 4.472, 0.5)
+    taps = draw_taps(np.random.default_rng(6), 1_000_000, 4.472, 0.5)
     for metric, law in ((sqm.delta_metric, sqm.delta_law(0.5)), (sqm.ratio_metric, sqm.ratio_law(0.5))):
         p_value = sqm.ratio_p_value(metric(*taps), law, 4.472)
         for rate in (1e-2, 1e-3, 1e-4):

@@ -1,7 +1,7 @@
 """The studies of the paper on a spinning antenna: rows as promised, and every claim held."""
 
 import pytest
-from tests.studies.quick import hold, rows_of
+from tests.studies.quick import assert_holds, run_study
 
 from skyproof.studies.spin import STUDIES
 
@@ -10,7 +10,7 @@ NAMES = ("roc", "dead-zone", "solid-angle", "scenario", "samples", "circular")
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_claim_is_held_and_quick_is_quick(name):
-    hold(f"spin.{name}")
+    assert_holds(f"spin.{name}")
 
 
 def test_all_studies_are_named():
@@ -18,7 +18,7 @@ def test_all_studies_are_named():
 
 
 def test_dead_zones_match_table_1_and_full_ones_are_smaller():
-    rows = rows_of("spin.dead-zone")
+    rows = run_study("spin.dead-zone")
     assert all(set(row) == {"test", "reference", "n", "blocks"} for row in rows)
     table = {150: (278, 389, 266, 398), 200: (201, 318, 194, 296)}
     references = ("(40, 35)", "(160, 20)", "(240, 55)", "(320, 70)")
@@ -30,7 +30,7 @@ def test_dead_zones_match_table_1_and_full_ones_are_smaller():
 
 
 def test_solid_angles_are_forty_times_smaller():
-    rows = rows_of("spin.solid-angle", quick=False)
+    rows = run_study("spin.solid-angle", quick=False)
     share = {(row["test"], row["reference"], row["n"]): row["share"] for row in rows}
     for reference, ratio, small in (
         ("(40, 35)", 42.0, 2.6e-4),
@@ -44,7 +44,7 @@ def test_solid_angles_are_forty_times_smaller():
 
 
 def test_the_scenario_is_counted_as_computed():
-    rows = rows_of("spin.scenario", quick=False)
+    rows = run_study("spin.scenario", quick=False)
     found = {(row["pair"], row["test"]): row for row in rows}
     for pair, limit in (("[3,1]", 22.0503), ("[4,1]", 0.0760), ("[2,1]", 0.0201)):
         assert found[(pair, "paper")]["threshold"] == pytest.approx(limit, abs=5e-5)
@@ -55,5 +55,5 @@ def test_the_scenario_is_counted_as_computed():
 
 
 def test_the_seed_gives_the_rows():
-    assert rows_of("spin.scenario", trials=500) == rows_of.__wrapped__("spin.scenario", trials=500)
-    assert rows_of("spin.scenario", trials=500) != rows_of("spin.scenario", trials=500, seed=2)
+    assert run_study("spin.scenario", trials=500) == run_study.__wrapped__("spin.scenario", trials=500)
+    assert run_study("spin.scenario", trials=500) != run_study("spin.scenario", trials=500, seed=2)

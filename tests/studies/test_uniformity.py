@@ -6,7 +6,7 @@ import pkgutil
 
 import pytest
 from scipy import stats
-from tests.studies.quick import rows_of
+from tests.studies.quick import run_study
 
 import skyproof.detectors
 import skyproof.statistics
@@ -58,18 +58,18 @@ OFF = {
 }
 
 
-def shares_hold(p):
-    """Whether both tails may be those of a uniform p-value, on both sides."""
+def is_uniform(p):
+    """Test whether both tails may be those of a uniform p-value, on both sides."""
     return all(binomial_two_sided(int((p <= level).sum()), p.size, level) > 1e-4 for level in (0.001, 0.01, 0.1, 0.5))
 
 
 @pytest.mark.parametrize("name", ["tests", pytest.param("distribution", marks=pytest.mark.long)])
 def test_quick_draws_few(name):
-    assert all(row["trials"] <= 10_000 for row in rows_of(f"uniformity.{name}"))
+    assert all(row["trials"] <= 10_000 for row in run_study(f"uniformity.{name}"))
 
 
 def test_a_row_has_the_promised_columns_and_every_test_has_one():
-    rows = rows_of("uniformity.tests")
+    rows = run_study("uniformity.tests")
     assert [row["test"] for row in rows] == [case.test for case in CASES]
     for row in rows:
         assert set(row) == {
@@ -90,19 +90,19 @@ def test_a_row_has_the_promised_columns_and_every_test_has_one():
 
 
 def test_exact_tests_have_uniform_p_values_in_the_coarse():
-    for row in rows_of("uniformity.tests"):
+    for row in run_study("uniformity.tests"):
         if row["exact"]:
             assert row["ks_p"] > 1e-4, row
             assert binomial_two_sided(round(row["tail_01"] * row["trials"]), row["trials"], 0.01) > 1e-4, row
 
 
 def test_claims_hold():
-    assert all(item.agrees for item in check(BY_NAME["uniformity.tests"], rows_of("uniformity.tests")))
+    assert all(item.agrees for item in check(BY_NAME["uniformity.tests"], run_study("uniformity.tests")))
 
 
 @pytest.mark.long
 def test_shares_rise_to_one_and_the_right_line_is_beside_them():
-    rows = rows_of("uniformity.distribution")
+    rows = run_study("uniformity.distribution")
     charts = BY_NAME["uniformity.distribution"].charts
     assert {row["group"] for row in rows} == {chart.where["group"] for chart in charts}
     for case in CASES:
@@ -193,7 +193,7 @@ def test_no_module_with_p_values_is_forgotten():
 def test_p_values_of_exact_tests_are_uniform(case):
     p = p_values(case, StudySettings(seed=2))
     assert stats.kstest(p, "uniform").pvalue > 1e-4
-    assert shares_hold(p)
+    assert is_uniform(p)
 
 
 @pytest.mark.long

@@ -22,7 +22,7 @@ EIGHT = rule.satellite_geometry(
 )
 
 
-def whitener_at(cn0_dbhz, sums, where=SKY):
+def make_whitener(cn0_dbhz, sums, where=SKY):
     return parity_tests.whitener(where.parity, float(laws.prompt_amplitude(cn0_dbhz, sums)))
 
 
@@ -292,14 +292,14 @@ def test_the_rate_of_a_block_makes_up_the_rate_of_a_second():
 def test_parity_alarms_come_at_the_stated_rate(sums):
     amplitude, trials = float(laws.prompt_amplitude(40, sums)), 60_000
     u, q = draw_discriminators(np.random.default_rng(7), trials, amplitude, NOBODY, NOBODY)
-    p_value = parity.parity_test(parity.parity_vector(u, q, whitener_at(40, sums))).p_value
+    p_value = parity.parity_test(parity.parity_vector(u, q, make_whitener(40, sums))).p_value
     assert stats.kstest(p_value, "uniform").pvalue > 1e-4
     assert binomial_two_sided(int(np.sum(p_value < 1e-3)), trials, 1e-3) > 1e-3
 
 
 def test_plain_discriminators_of_short_sums_alarm_too_often():
     u, q = draw_discriminators(np.random.default_rng(8), 400_000, float(laws.prompt_amplitude(40, 5)), NOBODY, NOBODY)
-    y = parity.parity_vector(u, q, whitener_at(40, 5), scores=False)
+    y = parity.parity_vector(u, q, make_whitener(40, 5), scores=False)
     rate = np.mean(parity.parity_test(y).p_value < 1e-3)
     assert rate == pytest.approx(1.34e-3, abs=2e-4)
 
@@ -337,13 +337,13 @@ def test_power_of_the_parity_test(code, doppler, golden):
     settled = rules.equilibrium(SKY, attack_on(2, size=code), attack_on(2, size=doppler), 40)
     amplitude = float(laws.prompt_amplitude(40, 1000))
     u, q = draw_discriminators(np.random.default_rng(10), 20_000, amplitude, *settled)
-    y = parity.parity_vector(u, q, whitener_at(40, 1000))
+    y = parity.parity_vector(u, q, make_whitener(40, 1000))
     found = np.mean(parity.parity_test(y).statistic > parity_tests.parity_threshold(1e-3, 6))
     assert found == pytest.approx(golden, abs=0.01)
 
 
 def test_noncentrality_gives_the_power_of_small_attacks():
-    white = whitener_at(40, 1000)
+    white = make_whitener(40, 1000)
     # sizes found with power 0.9, PRN 2
     code = parity_tests.parity_noncentrality(white, attack_on(2, size=0.0394), NOBODY)
     doppler = parity_tests.parity_noncentrality(white, NOBODY, attack_on(2, size=17.7))
@@ -356,7 +356,7 @@ def test_an_attack_that_agrees_with_itself_is_not_seen():
     settled = rules.equilibrium(SKY, consistent, 500.0 * consistent, 40)
     np.testing.assert_allclose(settled.code_chips, 0.0, atol=1e-9)
     np.testing.assert_allclose(settled.phase_rad, 0.0, atol=1e-8)
-    assert parity_tests.parity_noncentrality(whitener_at(40, 1000), consistent, consistent) == pytest.approx(
+    assert parity_tests.parity_noncentrality(make_whitener(40, 1000), consistent, consistent) == pytest.approx(
         0.0, abs=1e-12
     )
 
@@ -366,7 +366,7 @@ def test_a_bank_shares_its_rate_and_in_pieces_gives_the_whole():
     assert [(b.sums, b.reference) for b in bank] == list(parity_tests.BANK)
     assert bank[0].threshold == pytest.approx(cusum_threshold(3e6, 1.0, 4))
     taps = tap_noise(np.random.default_rng(11), (3, 80, 6)) + 4.0
-    branch, white = bank[1], whitener_at(40, 10)
+    branch, white = bank[1], make_whitener(40, 10)
     whole = parity_tests.run_branch(taps, branch, white)
     first = parity_tests.run_branch(taps[:, :30], branch, white)
     second = parity_tests.run_branch(taps[:, 30:], branch, white, first.state)
@@ -376,11 +376,11 @@ def test_a_bank_shares_its_rate_and_in_pieces_gives_the_whole():
 # Which satellites -----------------------------------------------------------------------------------------------------
 
 
-def vectors(where, attack, doppler, trials, seed):
-    """Parity vectors of sums of 1 s at 40 dB-Hz."""
+def draw_vectors(where, attack, doppler, trials, seed):
+    """Draw parity vectors of sums of 1 s at 40 dB-Hz."""
     settled = rules.equilibrium(where, attack, doppler, 40)
     amplitude = float(laws.prompt_amplitude(40, 1000))
-    white = whitener_at(40, 1000, where)
+    white = make_whitener(40, 1000, where)
     return parity.parity_vector(
         *draw_discriminators(np.random.default_rng(seed), trials, amplitude, *settled), white, scores=False
     ), white
@@ -389,44 +389,44 @@ def vectors(where, attack, doppler, trials, seed):
 def test_the_attacked_satellite_is_named_as_often_as_it_should():
     # 0.05 chip, right given detection; PRN 2 12 13 17 20 28, counted independently (PRN 13, seldom found: in 45 000)
     for i, share in enumerate((0.81, 0.77, 0.591, 0.67, 0.84, 0.85)):
-        y, white = vectors(SKY, 0.05 * np.eye(6)[i], NOBODY, 40_000, 12 + i)
+        y, white = draw_vectors(SKY, 0.05 * np.eye(6)[i], NOBODY, 40_000, 12 + i)
         y = y[parity.parity_test(y).statistic > parity_tests.parity_threshold(1e-3, 6)]
         assert np.mean(parity_tests.suspects(y, white).suspect == i) == pytest.approx(share, abs=0.025)
 
 
 def test_a_right_suspect_leaves_chi_square():
-    y, white = vectors(SKY, attack_on(2, size=0.1), attack_on(2, size=50.0), 20_000, 20)
+    y, white = draw_vectors(SKY, attack_on(2, size=0.1), attack_on(2, size=50.0), 20_000, 20)
     found = parity_tests.suspects(y, white)
     assert found.dof == 2
     assert np.mean(found.p_value < 0.01) == pytest.approx(0.01, abs=0.003)
     two = attack_on(2, size=0.1) - attack_on(17, size=0.1)
-    y, white = vectors(SKY, two, -300.0 * two[::-1], 200, 21)
+    y, white = draw_vectors(SKY, two, -300.0 * two[::-1], 200, 21)
     assert np.mean(parity_tests.suspects(y, white).p_value < 0.01) > 0.99
 
 
 def test_sets_that_explain_the_same_are_all_reported():
-    y, white = vectors(SKY, attack_on(2, size=0.4), attack_on(2, size=200.0), 1, 22)
+    y, white = draw_vectors(SKY, attack_on(2, size=0.4), attack_on(2, size=200.0), 1, 22)
     found = parity.find_explanations(y[0], white, 1e-3)
     assert [each.satellites for each in found] == [(0,)]
-    quiet, white = vectors(SKY, NOBODY, NOBODY, 1, 23)
+    quiet, white = draw_vectors(SKY, NOBODY, NOBODY, 1, 23)
     assert [each.satellites for each in parity.find_explanations(quiet[0], white, 1e-3)] == [()]
     # with six satellites every pair explains every attack on two
     pair = attack_on(2, size=0.3) + attack_on(20, size=-0.2)
-    y, white = vectors(SKY, pair, 150.0 * pair[::-1], 1, 24)
+    y, white = draw_vectors(SKY, pair, 150.0 * pair[::-1], 1, 24)
     found = parity.find_explanations(y[0], white, 1e-3)
     assert len(found) == 15
     assert {len(each.satellites) for each in found} == {2}
 
 
 def test_the_true_set_is_missed_as_often_as_stated():
-    y, white = vectors(SKY, attack_on(2, size=0.1), attack_on(2, size=50.0), 500, 26)
+    y, white = draw_vectors(SKY, attack_on(2, size=0.1), attack_on(2, size=50.0), 500, 26)
     missed = sum((0,) not in [each.satellites for each in parity.find_explanations(item, white, 0.1)] for item in y)
     assert binomial_two_sided(missed, 500, 0.1) > 1e-3
 
 
 def test_unlikely_sets_are_left_out_at_the_stated_error_rate():
     attack = attack_on(17, size=0.04)
-    y, white = vectors(SKY, attack, 500.0 * attack, 400, 27)
+    y, white = draw_vectors(SKY, attack, 500.0 * attack, 400, 27)
     found = [[each.satellites for each in parity.select_likely_sets(item, white, 0.1)] for item in y]
     place = (PRNS.index(17),)
     wrong = sum(len(sets) > 0 and place not in sets for sets in found)
@@ -438,13 +438,13 @@ def test_unlikely_sets_are_left_out_at_the_stated_error_rate():
 
 def test_no_set_is_likely_where_as_many_cannot_be_told_apart():
     pair = attack_on(2, size=0.3) + attack_on(20, size=-0.2)
-    y, white = vectors(SKY, pair, 150.0 * pair[::-1], 1, 24)
+    y, white = draw_vectors(SKY, pair, 150.0 * pair[::-1], 1, 24)
     assert parity.select_likely_sets(y[0], white, 0.01) == ()
 
 
 def test_two_of_eight_satellites_can_be_named():
     pair = np.array([0.4, 0.0, 0.0, -0.4, 0.0, 0.0, 0.0, 0.0])
-    y, white = vectors(EIGHT, pair, 500.0 * pair, 1, 25)
+    y, white = draw_vectors(EIGHT, pair, 500.0 * pair, 1, 25)
     assert (0, 3) in [each.satellites for each in parity.find_explanations(y[0], white, 1e-3)]
 
 
@@ -476,7 +476,7 @@ def test_parity_tails_in_a_million_draws(sums, excess):
     u, q = draw_discriminators(
         np.random.default_rng(30), trials, float(laws.prompt_amplitude(40, sums)), NOBODY, NOBODY
     )
-    p_value = parity.parity_test(parity.parity_vector(u, q, whitener_at(40, sums))).p_value
+    p_value = parity.parity_test(parity.parity_vector(u, q, make_whitener(40, sums))).p_value
     for rate in (1e-2, 1e-3, 1e-4):
         share = np.mean(p_value < rate)
         error = np.sqrt(rate / trials)
@@ -487,7 +487,7 @@ def test_parity_tails_in_a_million_draws(sums, excess):
 def test_the_fast_branch_alarms_about_as_rarely_as_designed():
     mean_steps, rng = 1e4, np.random.default_rng(31)
     branch = parity.Branch(1, 1.0, cusum_threshold(mean_steps, 1.0, 4))
-    white, amplitude = whitener_at(40, 1), float(laws.prompt_amplitude(40))
+    white, amplitude = make_whitener(40, 1), float(laws.prompt_amplitude(40))
     state, alarms, steps = np.zeros((500, 4)), 0, 0
     while steps < 5e6:
         path = parity_tests.run_branch(draw_taps(rng, (500, 100, 6), amplitude, 0.0, 0.0), branch, white, state)

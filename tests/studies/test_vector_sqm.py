@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from tests.studies.quick import hold, rows_of
+from tests.studies.quick import assert_holds, run_study
 
 from skyproof.studies import studies
 from skyproof.studies.base import StudySettings
@@ -20,11 +20,11 @@ def test_every_study_of_the_paper_is_found():
 @pytest.mark.parametrize("name", sorted(set(BY_NAME) - {"vector-sqm.one-spoofer"}))
 def test_every_claim_of_a_study_holds(name):
     assert BY_NAME[name].claims
-    hold(name)
+    assert_holds(name)
 
 
 def test_false_alarm_rows_have_their_keys_and_figures():
-    table = rows_of("vector-sqm.false-alarm")
+    table = run_study("vector-sqm.false-alarm")
     assert list(table[0]) == ["cn0_dbhz", "k", "p_fa_theory", "p_fa_simulated", "p_fa_rule", "trials"]
     np.testing.assert_allclose([r["p_fa_theory"] for r in table[:3]], [0.7265, 0.4077, 0.0721], atol=5e-4)
     np.testing.assert_allclose([r["p_fa_simulated"] for r in table[:3]], [0.7230, 0.4061, 0.0721], atol=6e-3)
@@ -32,14 +32,14 @@ def test_false_alarm_rows_have_their_keys_and_figures():
 
 
 def test_detection_of_one_and_of_three():
-    table = rows_of("vector-sqm.many")
+    table = run_study("vector-sqm.many")
     np.testing.assert_allclose([r["p_d_theory"] for r in table[:3]], [0.911, 0.955, 0.995], atol=2e-3)
     np.testing.assert_allclose([r["p_d_theory"] for r in table], [r["p_d_simulated"] for r in table], atol=5e-3)
     assert all(r["p_d_parity"] > r["p_d_theory"] for r in table[:3])
 
 
 def test_our_delay_is_at_most_half_of_the_papers():
-    table = rows_of("vector-sqm.delay")
+    table = run_study("vector-sqm.delay")
     ours = [r for r in table if r["method"] == "bank of cumulative sums"]
     assert len(ours) == 7
     assert all(r["of_paper"] <= 0.5 for r in ours)
@@ -48,12 +48,12 @@ def test_our_delay_is_at_most_half_of_the_papers():
 
 
 def test_loops_lose_lock_at_low_power():
-    lost = {r["prn"] for r in rows_of("vector-sqm.bias") if r["cn0_dbhz"] == 30 and r["phase_rad"] is None}
+    lost = {r["prn"] for r in run_study("vector-sqm.bias") if r["cn0_dbhz"] == 30 and r["phase_rad"] is None}
     assert lost == {2, 28}
 
 
 def test_the_density_is_the_counted_one():
-    table = [r for r in rows_of("vector-sqm.density") if r["metric"] == "phase, rad"]
+    table = [r for r in run_study("vector-sqm.density") if r["metric"] == "phase, rad"]
     counted = np.array([[r["density"], r["density_simulated"]] for r in table])
     assert np.abs(counted[:, 0] - counted[:, 1]).max() < 0.05 * counted.max()
 
