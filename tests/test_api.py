@@ -31,9 +31,9 @@ def test_the_promise_is_exactly_these_names() -> None:
 def test_dir_shows_the_names_before_any_is_used() -> None:
     program = "import skyproof as sp; print(*dir(sp))"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    shown = run.stdout.split()
-    assert {*NAMES, "__version__", "__all__", "__doc__"} <= set(shown)
-    assert [name for name in shown if not name.startswith("_")] == list(NAMES)
+    names = run.stdout.split()
+    assert {*NAMES, "__version__", "__all__", "__doc__"} <= set(names)
+    assert [name for name in names if not name.startswith("_")] == list(NAMES)
 
 
 def test_the_version_is_that_of_the_metadata() -> None:

@@ -228,15 +228,15 @@ def test_a_page_filled_twice_is_the_same(fill: ModuleType) -> None:
 
 def test_a_table_is_drawn_with_a_line_for_each_row(fill: ModuleType) -> None:
     page = "| of | 2 s | 5 s | end |\n|---|---|---|---|\n| one | 1.5, 3 | 20 (1) | 7 |\n| two | | 4 | |\n\n"
-    ((what, table),) = fill.charts.charts_in(page + "<!-- chart: Growth | s | m | log -->\n")
-    svg = fill.charts.chart_of(what, table)
+    ((kind, table),) = fill.charts.charts_in(page + "<!-- chart: Growth | s | m | log -->\n")
+    svg = fill.charts.chart_of(kind, table)
     assert [name for name in ("one", "two", "Growth") if svg.count(f">{name}<") != 1] == []
     points = sum(path.count("z") for path in re.findall(r'class="point.*?/>', svg))
     assert points == 3 + 2 * 2  # and two a line in the legend
     for path in fill.pages():
         text = read_text(path)
         asked = re.findall(r"<!-- chart: (.*?) -->", text)
-        assert [what for what, _ in fill.charts.charts_in(text)] == asked, path.name
+        assert [kind for kind, _ in fill.charts.charts_in(text)] == asked, path.name
 
 
 def test_the_files_that_the_manual_shows_are_read(tmp_path: Path) -> None:
@@ -258,8 +258,8 @@ def test_the_files_that_the_manual_shows_are_read(tmp_path: Path) -> None:
 def test_every_fix_column_and_sigmf_key_is_described() -> None:
     page = read_text(DOCS / "formats.md")
     assert [name for name in FIXES_COLUMNS if f"`{name}`" not in page] == []
-    own = set(re.findall(r"skyproof:\w+", read_text(ROOT / "src" / "skyproof" / "formats" / "sigmf.py")))
-    assert {key for key in own if f"`{key}`" not in page} == set()
+    keys = set(re.findall(r"skyproof:\w+", read_text(ROOT / "src" / "skyproof" / "formats" / "sigmf.py")))
+    assert {key for key in keys if f"`{key}`" not in page} == set()
 
 
 def test_every_ready_made_scene_is_described() -> None:
@@ -275,8 +275,8 @@ def test_every_file_and_test_that_is_named_exists() -> None:
     missing = []
     for page in GUIDE:
         for target in re.findall(r"\]\((?!https?:)([^)#\s]+)", read_text(page)):
-            there = (page.parent / target).resolve()
-            missing += [] if there.exists() or there in MADE_BY_HOOKS else [f"{page.name}: {target}"]
+            target_path = (page.parent / target).resolve()
+            missing += [] if target_path.exists() or target_path in MADE_BY_HOOKS else [f"{page.name}: {target}"]
         for path, name in re.findall(r"\b((?:tests|bench|docs|src)/[\w/.-]*\w)(?:::(\w+))?", read_text(page)):
             found = (ROOT / path).exists() and (not name or f"def {name}(" in read_text(ROOT / path))
             found = found or (ROOT / path).is_relative_to(MADE_BY_MAKE)

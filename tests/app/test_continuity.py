@@ -68,15 +68,15 @@ def test_the_same_receivers_as_they_were_recorded_are_authentic(pair):
 
 @pytest.mark.parametrize("row", [50, 88], ids=["between windows", "within one"])
 def test_halves_of_two_receivers_swapped_are_not_authentic(pair, row):
-    (one, other), navigation = pair
-    verdict, found = judge_pair((join_halves(one, other, row), join_halves(other, one, row)), navigation)
+    (first, other), navigation = pair
+    verdict, found = judge_pair((join_halves(first, other, row), join_halves(other, first, row)), navigation)
     assert verdict.verdict == "suspect"
     steps = [e.data for e in found if (e.detector, e.code) == ("continuity", "step")]
     assert {(bool(step["broke"]), step["kinds"][0]) for step in steps} == {(True, "position")}
     assert all(60.0 < step["position_m"] < 70.0 for step in steps)
     assert verdict.may_also_be[0] == "joined"
-    assert np.datetime64(verdict.since_gpst, "ns") == one.gpst[row]
-    late = [s for s in verdict.signals if s.label == "authentic" and s.to_gpst > str(one.gpst[row])]
+    assert np.datetime64(verdict.since_gpst, "ns") == first.gpst[row]
+    late = [s for s in verdict.signals if s.label == "authentic" and s.to_gpst > str(first.gpst[row])]
     assert not late
 
 

@@ -91,14 +91,14 @@ def test_a_result_depends_on_what_its_item_reads(tmp_path: Path) -> None:
     for name in ("a.bin", "a.toml", "n.rnx", "imu.csv"):
         (tmp_path / name).write_text("x")
     (tmp_path / "p.toml").write_text('[imu]\nfile = "imu.csv"\n')
-    one = CatalogueItem(name="a", inputs=("a.bin",), nav="n.rnx", platform="p.toml", settings={})
-    before = make_piece(one, tmp_path).same_as
-    assert make_piece(one, tmp_path).same_as == before
-    assert make_piece(dataclasses.replace(one, settings={"window_s": 9.0}), tmp_path).same_as != before
+    item = CatalogueItem(name="a", inputs=("a.bin",), nav="n.rnx", platform="p.toml", settings={})
+    before = make_piece(item, tmp_path).same_as
+    assert make_piece(item, tmp_path).same_as == before
+    assert make_piece(dataclasses.replace(item, settings={"window_s": 9.0}), tmp_path).same_as != before
     for name in ("a.bin", "a.toml", "n.rnx", "p.toml", "imu.csv"):
         stat = (tmp_path / name).stat()
         os.utime(tmp_path / name, ns=(stat.st_atime_ns, stat.st_mtime_ns + 1000))
-        after = make_piece(one, tmp_path).same_as
+        after = make_piece(item, tmp_path).same_as
         assert after != before, name
         before = after
 
@@ -254,10 +254,10 @@ def test_a_fleet_gives_the_same_bytes_for_any_workers_and_kills(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_small_fleet(tmp_path / "in", 8)
-    one = fleet(path, out=tmp_path / "one", workers=1)
-    assert one.counts["failed"] == 1
-    assert sum(one.counts.values()) == 9
-    assert "absent.obs" in (one.rows[0].error or "")
+    single = fleet(path, out=tmp_path / "one", workers=1)
+    assert single.counts["failed"] == 1
+    assert sum(single.counts.values()) == 9
+    assert "absent.obs" in (single.rows[0].error or "")
     expected = read_contents(tmp_path / "one")
     assert sum(name.endswith("report.html") for name in expected) == 8
 

@@ -16,8 +16,8 @@ def meaconer():
     """Return a meaconer with ears 0.9 km away, on from 12 s; its copies come two chips and more late."""
 
     def make(**changes):
-        given = {"receive": kit.ELSEWHERE, "transmit": kit.TRANSMIT, "delay_s": 4e-6, "onset_s": 12.0}
-        return Meaconer(**given | {"noise_db": -13.0} | changes)
+        keys = {"receive": kit.ELSEWHERE, "transmit": kit.TRANSMIT, "delay_s": 4e-6, "onset_s": 12.0}
+        return Meaconer(**keys | {"noise_db": -13.0} | changes)
 
     return make
 

@@ -83,15 +83,15 @@ def test_a_scene_is_shown_with_the_files_that_there_are(tmp_path) -> None:
 
 def track_at(receiver: str, x_m: float) -> Track:
     """Make a track of two epochs at one place."""
-    one = np.zeros(1)
+    zero = np.zeros(1)
     last = Fix(
         receiver=receiver,
         signals=(SignalId("G05"),),
         gpst=make_observations(receiver).gpst[1:2],
         position_ecef_m=np.array([[x_m, 0.0, 0.0]]),
         velocity_ecef_m_s=np.zeros((1, 3)),
-        clock_bias_s=one,
-        clock_drift=one,
+        clock_bias_s=zero,
+        clock_drift=zero,
         covariance_m2=np.eye(4)[None],
         residual_m=np.zeros((1, 1)),
         status=np.zeros(1, np.uint8),

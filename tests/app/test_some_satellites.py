@@ -23,8 +23,8 @@ def measurements():
             scenario = read_ready_made(name).model_copy(update={"duration_s": 56.0})
             navigation = make_nominal_constellation(scenario.start_gpst)
             scene = make_scene(scenario, navigation)
-            own = model_receptions(scene, ChannelNoise(code_m=0.5), rng=np.random.default_rng(1))
-            made[name] = own, navigation
+            observed = model_receptions(scene, ChannelNoise(code_m=0.5), rng=np.random.default_rng(1))
+            made[name] = observed, navigation
         return made[name]
 
     return heard
@@ -32,10 +32,10 @@ def measurements():
 
 def judge_scene(heard, **given):
     """Return the outcome, its document, and (label, whether false) of every signal's epochs."""
-    own, navigation = heard
+    observed, navigation = heard
     settings = Settings(**given)
-    outcome, _ = judge([h.reception for h in own], navigation, settings, Silent())
-    share = {h.reception.observations.receiver: (h.reception.observations, h.false_share) for h in own}
+    outcome, _ = judge([h.reception for h in observed], navigation, settings, Silent())
+    share = {h.reception.observations.receiver: (h.reception.observations, h.false_share) for h in observed}
     epochs: dict[tuple[str, bool], int] = {}
     for s in outcome.decision.labels:
         o, false = share[s.ref.receiver]

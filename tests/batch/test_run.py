@@ -80,11 +80,11 @@ def test_two_items_of_one_key_are_refused(tmp_path: Path) -> None:
 def test_an_item_whose_last_steps_are_missing_is_done_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
-    one = make_item(Fake(1))
+    item = make_item(Fake(1))
 
     def fill() -> None:
-        with store.filling(one) as folder:
-            fake_work(one.given, folder)
+        with store.filling(item) as folder:
+            fake_work(item.given, folder)
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
@@ -94,9 +94,9 @@ def test_an_item_whose_last_steps_are_missing_is_done_again(
             patched.setattr(os, step, interrupt)
             with pytest.raises(KeyboardInterrupt):
                 fill()
-        assert not store.has(one)
+        assert not store.has(item)
         fill()
-        assert store.has(one)
+        assert store.has(item)
         assert list(read_results(tmp_path)) == ["item-1/half.txt", "item-1/inner/sum.txt"]
 
 
@@ -146,10 +146,10 @@ def test_sigterm_lets_items_end_and_the_rest_runs_next_time(tmp_path: Path, whol
     assert ended == "{} True"
     # Nothing is announced where all items under way ended in the moment of the signal.
     assert [words.partition(":")[0] for words in announced] in ([], ["interrupted"])
-    there = {path.split("/")[0] for path in read_results(tmp_path)}
-    assert 0 < len(there) < 1000
+    results = {path.split("/")[0] for path in read_results(tmp_path)}
+    assert 0 < len(results) < 1000
     with Store(tmp_path) as store:
-        assert sum(store.has(make_item(Fake(n))) for n in range(1000)) == len(there)
+        assert sum(store.has(make_item(Fake(n))) for n in range(1000)) == len(results)
 
 
 @pytest.mark.long

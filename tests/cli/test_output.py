@@ -206,12 +206,12 @@ def test_places_are_in_degrees_and_minutes_on_request(app: App, capsys: pytest.C
 
 
 def test_what_is_cut_or_left_out_of_inputs_stands_under_the_word(app: App, capsys: pytest.CaptureFixture[str]) -> None:
-    (given, *others) = VERDICT.inputs
+    (first, *rest) = VERDICT.inputs
     changes = {"cut": ("it ends early",), "left_out": tuple(f"line {k} is left out" for k in range(15))}
-    app.verdict = VERDICT.model_copy(update={"inputs": (given.model_copy(update=changes), *others)})
+    app.verdict = VERDICT.model_copy(update={"inputs": (first.model_copy(update=changes), *rest)})
     cli.main(PROTECT)
     out = " ".join(capsys.readouterr().out.split())
-    assert f"Cut: {given.path}: " in out
+    assert f"Cut: {first.path}: " in out
     assert out.count("left out") == 10
     assert "and 5 more" in out
 

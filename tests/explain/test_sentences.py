@@ -75,10 +75,10 @@ def list_codes(path):
             continue
         name = getattr(node.func, "attr", getattr(node.func, "id", ""))
         place = {"NotTested": 0, "find": 1}.get(name)
-        given = [word.value for word in node.keywords if word.arg == "code" and name == "Finding"]
-        given += node.args[place : place + 1] if place is not None else []
+        codes = [word.value for word in node.keywords if word.arg == "code" and name == "Finding"]
+        codes += node.args[place : place + 1] if place is not None else []
         parts = [
-            part for item in given for part in ((item.body, item.orelse) if isinstance(item, ast.IfExp) else (item,))
+            part for item in codes for part in ((item.body, item.orelse) if isinstance(item, ast.IfExp) else (item,))
         ]
         found |= {part.value for part in parts if isinstance(part, ast.Constant) and isinstance(part.value, str)}
     return found

@@ -89,7 +89,7 @@ def test_compact_observations_cut_anywhere_say_that_they_are_cut():
     for end in range(ends[0], len(content)):
         seen, remarks = read_pieces(content[:end])
         assert find_worst(remarks) is (RemarkKind.NOTE if end in ends else RemarkKind.CUT), content[:end][-60:]
-        assert seen.gpst.size == sum(end >= one for one in ends)
+        assert seen.gpst.size == sum(end >= start for start in ends)
         np.testing.assert_array_equal(seen.pseudorange_m, whole.pseudorange_m[: seen.gpst.size])
 
 
@@ -156,8 +156,8 @@ def test_samples_shorter_than_their_captures_are_cut(tmp_path):
     (tmp_path / "rx.sigmf-meta").write_text(json.dumps({**meta, "captures": captures, "annotations": []}))
     for n_bytes, kind in ((10_000, RemarkKind.NOTE), (7_000, RemarkKind.CUT), (9_001, RemarkKind.CUT)):
         (tmp_path / "rx.sigmf-data").write_bytes(draw_noise(n_bytes))
-        (one,) = open_sigmf(tmp_path / "rx.sigmf-meta")
-        assert find_worst(one.remarks) is kind
+        (opened,) = open_sigmf(tmp_path / "rx.sigmf-meta")
+        assert find_worst(opened.remarks) is kind
 
 
 def test_a_file_that_ends_elsewhere_than_when_opened_is_cut(tmp_path):

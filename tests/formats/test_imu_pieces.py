@@ -65,9 +65,9 @@ def test_no_values_stay_at_hand(tmp_path):
     # Of each reading its time alone, once for the unit and the body that share it.
     with patch.object(imu_pieces, "PIECE_READINGS", 100):
         stored = StoredImuFile(write_file(), Workspace(tmp_path))
-    one, other = stored.series(GPS_EPOCH), stored.series(GPS_EPOCH)
-    assert isinstance(one, StoredReadings)
-    assert one.gpst is other.gpst
+    first, other = stored.series(GPS_EPOCH), stored.series(GPS_EPOCH)
+    assert isinstance(first, StoredReadings)
+    assert first.gpst is other.gpst
     assert len([*tmp_path.rglob("inertial/*.npz")]) == 10
-    one.select(slice(0, N))
-    assert len(one._pieces._cached) <= 2
+    first.select(slice(0, N))
+    assert len(first._pieces._cached) <= 2

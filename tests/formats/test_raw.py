@@ -131,11 +131,11 @@ def test_a_channel_that_never_changes_is_left_out_and_reported(tmp_path):
     (alive,) = open_raw_channels(write(tmp_path, layout, values.astype(np.int8).tobytes()))
     assert alive.name == "rec-1"
     assert any(re.search(r"\brec-2\b.* 3 in ", remark) for remark in alive.remarks)
-    one, two = open_raw_channels(tmp_path / "rec.bin", dead=True)
-    assert (one.name, one.dead, two.name) == ("rec-1", "", "rec-2")
-    assert re.search(r" 3 in ", two.dead)
-    assert [two.read(start, 3000).shape for start in (0, 4000, 5000)] == [(2, 3000), (2, 1000), (2, 0)]
-    assert not two.read(0, 5000).any()
+    first, second = open_raw_channels(tmp_path / "rec.bin", dead=True)
+    assert (first.name, first.dead, second.name) == ("rec-1", "", "rec-2")
+    assert re.search(r" 3 in ", second.dead)
+    assert [second.read(start, 3000).shape for start in (0, 4000, 5000)] == [(2, 3000), (2, 1000), (2, 0)]
+    assert not second.read(0, 5000).any()
 
 
 @pytest.mark.parametrize(("encoding", "bits"), PACKINGS, ids=lambda value: str(value))

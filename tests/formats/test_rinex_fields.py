@@ -61,5 +61,5 @@ def test_halves_of_the_last_digit_round_as_text_does(kernel):
     values = np.concatenate((halves, halves + 20000000.0, halves + 123456.0, exact, np.zeros(30)))[:400].reshape(
         -1, 5, 4
     )
-    there, indicator = np.ones(values.shape[:2], bool), np.zeros(values.shape[:2], int)
-    assert lay_out(kernel, values, there, indicator) == lay_out_in_python(values, there, indicator)
+    present, indicator = np.ones(values.shape[:2], bool), np.zeros(values.shape[:2], int)
+    assert lay_out(kernel, values, present, indicator) == lay_out_in_python(values, present, indicator)

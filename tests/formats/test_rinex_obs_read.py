@@ -510,8 +510,8 @@ REAL = {
 def test_every_real_file_has_its_epochs_and_satellites(shared_data, name):
     seen = read_obs(shared_data / "real" / name).observations
     sats = sorted({signal.sat for signal in seen.signals})
-    there = np.array([(seen.status[:, [s.sat == sat for s in seen.signals]] != 1).any(axis=1) for sat in sats])
-    assert (seen.gpst.size, len(sats), int(there.sum(axis=0).max())) == REAL[name]
+    present = np.array([(seen.status[:, [s.sat == sat for s in seen.signals]] != 1).any(axis=1) for sat in sats])
+    assert (seen.gpst.size, len(sats), int(present.sum(axis=0).max())) == REAL[name]
     assert (np.isfinite(seen.pseudorange_m) <= np.isfinite(seen.pseudorange_sigma_m)).all()
 
 

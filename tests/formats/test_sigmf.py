@@ -280,9 +280,9 @@ def test_what_goes_on_is_that_of_the_capture_before(tmp_path):
         {"core:sample_start": 200, "core:frequency": 1176.45e6},
         {"core:sample_start": 300},
     ]
-    first, *others = open_sigmf(write(tmp_path, make_meta(captures=captures), draw_noise(400).tobytes()))
+    first, *rest = open_sigmf(write(tmp_path, make_meta(captures=captures), draw_noise(400).tobytes()))
     assert (first.centre_hz, first.n_samples) == (1575.42e6, 100)
-    assert [(o.centre_hz, o.n_samples) for o in others] == [(1227.6e6, 100), (1176.45e6, 200)]
+    assert [(o.centre_hz, o.n_samples) for o in rest] == [(1227.6e6, 100), (1176.45e6, 200)]
 
 
 def test_an_inverted_spectrum_is_turned_back(tmp_path):

@@ -57,8 +57,8 @@ def test_pieces_give_what_the_whole_gives_cut_and_read_anywhere(cuts, ends):
     for name in ("gpst", "elapsed_s", "measured", "slipped", "found_elapsed_s", "missed_elapsed_s"):
         np.testing.assert_array_equal(getattr(log, name), getattr(SLIPPING, name), err_msg=name)
     for channel in range(len(log.signals)):
-        one, other = (o.series("pseudorange_m", channel, first, stop) for o in (log, SLIPPING))
-        np.testing.assert_array_equal(one, other)
+        first_log, other = (o.series("pseudorange_m", channel, first, stop) for o in (log, SLIPPING))
+        np.testing.assert_array_equal(first_log, other)
 
 
 def test_a_signal_that_comes_late_was_not_tracked_before():

@@ -63,7 +63,7 @@ def run(shown, receivers=("rx1",)):
 
 @pytest.mark.parametrize("before", TABLE)
 def test_words_follow_the_table_of_transitions(before):
-    assert [run((*before, shown)).words[-1].word for shown in SHOWN] == TABLE[before].split()
+    assert [run((*before, observed)).words[-1].word for observed in SHOWN] == TABLE[before].split()
 
 
 def test_a_run_has_the_worst_of_its_words():
@@ -83,19 +83,19 @@ def test_another_receivers_findings_change_no_word():
 
 
 def test_one_cause_that_explains_all_leaves_it_open():
-    both = [make_finding(OPEN), make_finding({Cause.CLEAN: 1e-9, Cause.REFLECTIONS: 0.2, Cause.FAULT: 0.4})]
-    assert weigh(both, "rx1") is None
-    state, _ = decide(Deciding(), both, ("rx1",), T0, T0 + np.timedelta64(10, "s"))
+    findings = [make_finding(OPEN), make_finding({Cause.CLEAN: 1e-9, Cause.REFLECTIONS: 0.2, Cause.FAULT: 0.4})]
+    assert weigh(findings, "rx1") is None
+    state, _ = decide(Deciding(), findings, ("rx1",), T0, T0 + np.timedelta64(10, "s"))
     assert state.words[-1].causes == (Cause.REFLECTIONS,)
 
 
 def test_two_causes_together_leave_it_open():
-    both = [
+    findings = [
         make_finding(OPEN | {Cause.OSCILLATOR: 1e-9}),
         make_finding({Cause.CLEAN: 1e-9, Cause.OSCILLATOR: 1.0, Cause.REFLECTIONS: 1e-9}),
     ]
-    assert weigh(both, "rx1") is None
-    state, _ = decide(Deciding(), both, ("rx1",), T0, T0 + np.timedelta64(10, "s"))
+    assert weigh(findings, "rx1") is None
+    state, _ = decide(Deciding(), findings, ("rx1",), T0, T0 + np.timedelta64(10, "s"))
     assert set(state.words[-1].causes) == {Cause.REFLECTIONS, Cause.OSCILLATOR}
 
 

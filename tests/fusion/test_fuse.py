@@ -215,18 +215,18 @@ def test_a_suspicion_names_the_causes_that_all_windows_allow(invented, pair):
     def fail(window, p_value, detector, *causes):
         return invented.evidence(window, "undecided", *SKY, p_value=p_value, detector=detector, may_also_be=causes)
 
-    said = [fail(w, p, "two", "shade", "gain") for w, p in enumerate((1e-7, 1e-30, 1e-9))]
-    said.append(fail(3, 1e-60, "three", "fault", "shade"))
-    found = fuse(said, pair, []).suspicion
-    assert (found.finding, found.may_also_be) == (said[1], ("shade",))
-    said[3] = fail(3, 1e-60, "three", "fault")
-    assert fuse(said, pair, []).suspicion.may_also_be == ("shade", "gain", "fault")
+    findings = [fail(w, p, "two", "shade", "gain") for w, p in enumerate((1e-7, 1e-30, 1e-9))]
+    findings.append(fail(3, 1e-60, "three", "fault", "shade"))
+    found = fuse(findings, pair, []).suspicion
+    assert (found.finding, found.may_also_be) == (findings[1], ("shade",))
+    findings[3] = fail(3, 1e-60, "three", "fault")
+    assert fuse(findings, pair, []).suspicion.may_also_be == ("shade", "gain", "fault")
 
 
 def test_a_rival_signal_is_suspect_since_it_was_found(invented):
     evidence = [invented.evidence(w, "authentic", *SKY, receivers=BOTH) for w in range(4)]
-    there = {"there": {"G05b": (20, 39)}, "found": {"G05b": (19.0, 19.5)}}
-    o = invented.observations((*SKY, "G05b"), **there)
+    signals = {"there": {"G05b": (20, 39)}, "found": {"G05b": (19.0, 19.5)}}
+    o = invented.observations((*SKY, "G05b"), **signals)
     cn0_dbhz = np.full_like(o.cn0_dbhz, 45.0)
     cn0_dbhz[:, -1] += 3.0
     later_m = np.where(np.arange(6) == 5, 900.0, 0.0)

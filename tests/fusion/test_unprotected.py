@@ -16,9 +16,9 @@ def set_cn0(o, **dbhz):
 
 def list_followed(o):
     """List the column followed at each epoch; -1 for none, and never two."""
-    there = unprotected.followed(o)
-    assert there.sum(axis=1).max() <= 1
-    return np.where(there.any(axis=1), there.argmax(axis=1), -1)
+    columns = unprotected.followed(o)
+    assert columns.sum(axis=1).max() <= 1
+    return np.where(columns.any(axis=1), columns.argmax(axis=1), -1)
 
 
 def test_a_signal_is_followed_whatever_stronger_one_comes(invented):
@@ -57,5 +57,5 @@ def test_a_single_missing_epoch_hands_nothing_over(invented):
 
 def test_each_satellite_has_its_own(invented):
     o = invented.observations(("G05a", "G05b", "G07a"))
-    there = unprotected.followed(set_cn0(o, G05a=40.0, G05b=45.0, G07a=30.0))
-    assert there.all(axis=0).tolist() == [False, True, True]
+    columns = unprotected.followed(set_cn0(o, G05a=40.0, G05b=45.0, G07a=30.0))
+    assert columns.all(axis=0).tolist() == [False, True, True]

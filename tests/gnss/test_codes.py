@@ -57,9 +57,9 @@ def test_codes_are_gold_codes():
     assert set(codes.sum(axis=-1)) == {-1.0}  # 512 ones, 511 zeros
     spectra = np.fft.fft(codes)
     products = np.rint(np.fft.ifft(spectra[:, None] * spectra.conj()).real).astype(int)
-    own = products[np.arange(32), np.arange(32)]
-    assert set(own[:, 0]) == {1023}
-    assert set(own[:, 1:].ravel()) == {-65, -1, 63}
+    peaks = products[np.arange(32), np.arange(32)]
+    assert set(peaks[:, 0]) == {1023}
+    assert set(peaks[:, 1:].ravel()) == {-65, -1, 63}
     rest = products[~np.eye(32, dtype=bool)]
     assert set(rest.ravel()) == {-65, -1, 63}
 

@@ -368,14 +368,14 @@ def test_the_fit_interval_follows_flag_and_iodc(iodc, flag_h, hours):
 
 def test_subframes_of_different_data_sets_make_no_ephemeris():
     newer = encode_subframes(replace(EPHEMERIS, iodc=99, iode=99), None, None, 596790, 2190, 3)
-    one, two, three = list_subframes(STREAM)[:3]
+    first, second, third = list_subframes(STREAM)[:3]
     new_one, new_two, new_three = list_subframes(newer)
-    assert ephemeris_from_subframes(one, two, three, "G05", 2190) is not None
-    assert ephemeris_from_subframes(new_one, two, three, "G05", 2190) is None
-    assert ephemeris_from_subframes(one, new_two, three, "G05", 2190) is None
-    assert ephemeris_from_subframes(one, two, new_three, "G05", 2190) is None
+    assert ephemeris_from_subframes(first, second, third, "G05", 2190) is not None
+    assert ephemeris_from_subframes(new_one, second, third, "G05", 2190) is None
+    assert ephemeris_from_subframes(first, new_two, third, "G05", 2190) is None
+    assert ephemeris_from_subframes(first, second, new_three, "G05", 2190) is None
     with pytest.raises(ValueError, match="subframes 2, 1, 3 given"):
-        ephemeris_from_subframes(two, one, three, "G05", 2190)
+        ephemeris_from_subframes(second, first, third, "G05", 2190)
 
 
 @pytest.mark.parametrize("wrong", [{"sqrt_a": 2000.0}, {"e": 0.4}, {"i0": 0.1}, {"omega_dot": 1e-8}])

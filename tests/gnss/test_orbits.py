@@ -108,9 +108,9 @@ def test_instants_and_seconds_of_week_give_the_same_state():
     assert by_label.clock_s.shape == by_label.clock_drift.shape == (2, 3)
     np.testing.assert_allclose(by_label.position_ecef_m, by_second.position_ecef_m, atol=1e-5)
     np.testing.assert_allclose(by_label.clock_s, by_second.clock_s, atol=1e-19)
-    one = compute_satellite_state(EPHEMERIS, gpst(2190, 590000.0))
-    assert one.position_ecef_m.shape == (3,)
-    np.testing.assert_array_equal(one.position_ecef_m, by_label.position_ecef_m[0, 0])
+    state = compute_satellite_state(EPHEMERIS, gpst(2190, 590000.0))
+    assert state.position_ecef_m.shape == (3,)
+    np.testing.assert_array_equal(state.position_ecef_m, by_label.position_ecef_m[0, 0])
 
 
 def test_an_orbit_runs_on_over_the_end_of_the_week():

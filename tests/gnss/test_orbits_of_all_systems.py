@@ -91,9 +91,9 @@ def test_a_glonass_instant_does_not_depend_on_the_others():
 
 def test_glonass_there_and_back_comes_home():
     state = compute_satellite_state_s(GLONASS, GLONASS.week, GLONASS.toe + 900.0)
-    there = replace(GLONASS, toe=GLONASS.toe + 900.0, position_m=tuple(state.position_ecef_m),
+    later = replace(GLONASS, toe=GLONASS.toe + 900.0, position_m=tuple(state.position_ecef_m),
                     velocity_m_s=tuple(state.velocity_ecef_m_s))  # fmt: skip
-    back = compute_satellite_state_s(there, GLONASS.week, GLONASS.toe)
+    back = compute_satellite_state_s(later, GLONASS.week, GLONASS.toe)
     np.testing.assert_allclose(back.position_ecef_m, GLONASS.position_m, atol=1e-4)
 
 

@@ -50,7 +50,7 @@ def test_each_slip_of_a_position_leads_back_to_the_truth(code, place):
     lat, lon, height_m = (float(x) for x in MISTAKES[code](*place))
     stated_m = ecef_from_geodetic(np.radians(lat), np.radians(lon), height_m)
     truth_m = ecef_from_geodetic(np.radians(place[0]), np.radians(place[1]), place[2])
-    (slip,) = (one for one in list_position_slips(stated_m) if one.code == code)
+    (slip,) = (item for item in list_position_slips(stated_m) if item.code == code)
     off_m = truth_m - slip.position_ecef_m
     if code == "height":
         up = off_m / np.linalg.norm(off_m)
@@ -62,13 +62,13 @@ def test_each_slip_of_a_position_leads_back_to_the_truth(code, place):
 def test_exchanged_latitude_and_longitude_lead_back_to_the_truth():
     truth_m = ecef_from_geodetic(np.radians(57.7012), np.radians(11.9321), 52.0)
     stated_m = ecef_from_geodetic(np.radians(11.9321), np.radians(57.7012), 52.0)
-    (slip,) = (one for one in list_position_slips(stated_m) if one.code == "latitude_and_longitude_swapped")
+    (slip,) = (item for item in list_position_slips(stated_m) if item.code == "latitude_and_longitude_swapped")
     np.testing.assert_allclose(slip.position_ecef_m, truth_m, atol=1e-3)
 
 
 def test_a_true_position_is_among_no_slips_but_the_open_height():
     truth_m = ecef_from_geodetic(np.radians(-33.8612), np.radians(151.2094), 64.0)
-    near = [one.code for one in list_position_slips(truth_m) if np.linalg.norm(one.position_ecef_m - truth_m) < 5.0]
+    near = [item.code for item in list_position_slips(truth_m) if np.linalg.norm(item.position_ecef_m - truth_m) < 5.0]
     assert near == ["height"]
     assert float(geodetic_from_ecef(truth_m)[2]) == pytest.approx(64.0, abs=1e-6)
 
@@ -77,7 +77,7 @@ def test_a_true_position_is_among_no_slips_but_the_open_height():
     ("code", "stated_m"), [("feet", 100.0), ("centimetres", 3048.0), ("twice", 60.96), ("half", 15.24)]
 )
 def test_each_slip_of_a_distance_leads_back_to_the_truth(code, stated_m):
-    (slip,) = (one for one in list_distance_slips(stated_m) if one.code == code)
+    (slip,) = (item for item in list_distance_slips(stated_m) if item.code == code)
     assert slip.distance_m == pytest.approx(30.48)
 
 
@@ -93,5 +93,5 @@ def test_each_slip_of_a_distance_leads_back_to_the_truth(code, stated_m):
     ],
 )
 def test_each_slip_of_places_leads_back_to_the_truth(code, stated_m):
-    (slip,) = (one for one in list_vector_slips() if one.code == code)
+    (slip,) = (item for item in list_vector_slips() if item.code == code)
     np.testing.assert_allclose(slip.turn @ np.array(stated_m), (3.0, 4.0, 2.0), rtol=1e-12)

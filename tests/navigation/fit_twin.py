@@ -362,8 +362,8 @@ def _solve_bancroft(satellite_ecef_m, range_m):
     solvable = np.linalg.det(a) != 0.0  # also what LAPACK would refuse, batch and all
     a = np.where(solvable[:, None, None], a, np.eye(_UNKNOWNS))
     half_squares = 0.5 * np.sum(a * a * minkowski, axis=-1)
-    both = np.linalg.solve(a, np.stack((np.ones_like(half_squares), half_squares), axis=-1))
-    u, v = both[..., 0], both[..., 1]
+    solved = np.linalg.solve(a, np.stack((np.ones_like(half_squares), half_squares), axis=-1))
+    u, v = solved[..., 0], solved[..., 1]
     uu, uv, vv = (np.sum(p * q * minkowski, axis=-1) for p, q in ((u, u), (u, v), (v, v)))
     with np.errstate(invalid="ignore", divide="ignore"):
         # uu x^2 + 2 (uv - 1) x + vv = 0, in the form that keeps its digits when uu is small.

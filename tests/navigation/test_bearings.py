@@ -42,8 +42,8 @@ def test_the_ellipse_holds_the_transmitter(shared):
     target_m = make_place(900.0, 1800.0, 60.0)
     squares = []
     for _ in range(300):
-        one = 0.01 * rng.standard_normal(2)
-        offs = [one if shared else 0.01 * rng.standard_normal(2) for _ in range(6)]
+        error_rad = 0.01 * rng.standard_normal(2)
+        offs = [error_rad if shared else 0.01 * rng.standard_normal(2) for _ in range(6)]
         rays = [
             make_ray(make_place(x, 0.0), target_m, off_rad=off)
             for x, off in zip(np.linspace(-900.0, 900.0, 6), offs, strict=True)

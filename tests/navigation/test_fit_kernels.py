@@ -17,15 +17,15 @@ KLOBUCHAR = Klobuchar(alpha=(1.1e-8, 1.5e-8, -6e-8, -6e-8), beta=(9e4, 6e4, -2e5
 @pytest.fixture(scope="module")
 def two_skies():
     """Draw ranges of two skies over each other, and the signals of each satellite."""
-    nav, here = sky.make_navigation(), sky.place(40.0, 20.0, 300.0)
-    sats = sky.list_visible(nav, here, 5.0)
-    places = [(sats[:9], here, 0.0), (sats[2:8], sky.move_place(here, 500.0, -900.0, 30.0), 1e-5)]
+    nav, place = sky.make_navigation(), sky.place(40.0, 20.0, 300.0)
+    sats = sky.list_visible(nav, place, 5.0)
+    places = [(sats[:9], place, 0.0), (sats[2:8], sky.move_place(place, 500.0, -900.0, 30.0), 1e-5)]
     seen = sky.make_scene(nav, places, n=4, noise_m=3.0, rng=np.random.default_rng(4)).observations
     _, ranges, _ = measure_window(seen, nav, multipath_sigma_m=0.5, ionosphere_share=0.25)
     copies = [
         np.flatnonzero([s.sat == sat for s in seen.signals]) for sat in dict.fromkeys(s.sat for s in seen.signals)
     ]
-    return ranges, copies, here
+    return ranges, copies, place
 
 
 def draw_problems(rng, m, k):
@@ -89,10 +89,10 @@ def test_least_squares_equal_the_twins(n_clocks):
 
 
 def test_solutions_and_predictions_equal_the_twins(two_skies):
-    ranges, copies, here = two_skies
+    ranges, copies, place = two_skies
     choice = np.array([[copy[0] for copy in copies], [copy[-1] for copy in copies]])
     choice[1, 0] = -1
-    start = np.tile(np.append(here, 0.0), (2, 1))
+    start = np.tile(np.append(place, 0.0), (2, 1))
     ours, twins = (room.solve(ranges, choice, start, rounds=2) for room in (search, fit_twin))
     np.testing.assert_allclose(ours.state_m, twins.state_m, rtol=0, atol=1e-6)
     np.testing.assert_allclose(ours.statistic, twins.statistic, rtol=1e-6)
@@ -120,12 +120,12 @@ def test_the_search_finds_what_the_twin_finds(two_skies, size):
 
 
 def test_a_signal_without_an_orbit_first_spoils_no_set(two_skies):
-    ranges, copies, here = two_skies
+    ranges, copies, place = two_skies
     row = copies[0][0]
     satellite = np.array(ranges.satellite_ecef_m)
     satellite[row] = np.nan
     spoilt = replace(ranges, satellite_ecef_m=satellite)
     choice = np.array([[-1, *(copy[0] for copy in copies[1:])]])
-    start = np.append(here, 0.0)[None]
+    start = np.append(place, 0.0)[None]
     alone = search.solve(ranges, choice, start)
     np.testing.assert_array_equal(search.solve(spoilt, choice, start).state_m, alone.state_m)

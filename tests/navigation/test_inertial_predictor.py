@@ -50,8 +50,8 @@ def draw_squares(grade, draws, at_s, **options):
     for seed in range(draws):
         rng = np.random.default_rng(seed)
         lasting = 1.5 * rng.standard_normal(3)
-        own = learn(draw_unit(grade, rng, **options), rng, lasting=lasting)
-        true = own.truth_at(label(at_s))
+        predictor = learn(draw_unit(grade, rng, **options), rng, lasting=lasting)
+        true = predictor.truth_at(label(at_s))
         exact = draw_fix(ROUND, at_s, rng, place_m=0.0, speed_m_s=0.0)
         off, spread = (true.mean - exact.mean)[:6], true.covariance[:6, :6]
         found.append(float(off @ np.linalg.solve(spread, off)))
@@ -77,9 +77,9 @@ def test_of_many_units_each_is_where_it_is_stated_to_be(grade, attitude_deg):
 def test_a_predicted_fix_has_the_lasting_error_of_learned_ones():
     rng = np.random.default_rng(3)
     lasting = np.array([3.0, -2.0, 1.0])
-    own = learn(draw_unit("navigation", rng), rng, lasting=lasting)
+    predictor = learn(draw_unit("navigation", rng), rng, lasting=lasting)
     at_s = label(31.0)
-    expected, true = own.at(at_s), own.truth_at(at_s)
+    expected, true = predictor.at(at_s), predictor.truth_at(at_s)
     exact = draw_fix(ROUND, 31.0, rng, place_m=0.0, speed_m_s=0.0)
     assert np.linalg.norm(expected.mean[:3] - exact.mean[:3] - lasting) < 1.5
     assert np.trace(expected.covariance[:3, :3]) < 0.5 * np.trace(true.covariance[:3, :3])
@@ -87,26 +87,26 @@ def test_a_predicted_fix_has_the_lasting_error_of_learned_ones():
 
 def test_no_clock_without_an_oscillator_and_nothing_before_a_fix():
     rng = np.random.default_rng(1)
-    own = draw_unit("tactical", rng)
-    assert own.at(label(5.0)) is None
-    assert list(learn(own, rng).at(label(40.0)).there) == [0, 1, 2, 3, 4, 5]
+    predictor = draw_unit("tactical", rng)
+    assert predictor.at(label(5.0)) is None
+    assert list(learn(predictor, rng).at(label(40.0)).there) == [0, 1, 2, 3, 4, 5]
 
 
 def test_without_an_attitude_a_body_that_stands_is_not_aligned():
     rng = np.random.default_rng(1)
-    own = draw_unit("tactical", rng, attitude_deg=None, motion=REST, readings=read_perfectly(REST, 20.0))
-    assert own.learned(draw_shown(rng, 0.5, 15.0, motion=REST)).state is None
+    predictor = draw_unit("tactical", rng, attitude_deg=None, motion=REST, readings=read_perfectly(REST, 20.0))
+    assert predictor.learned(draw_shown(rng, 0.5, 15.0, motion=REST)).state is None
 
 
 def test_missing_readings_end_it_and_it_restarts_by_learning():
     rng = np.random.default_rng(2)
-    own = learn(draw_unit("tactical", rng), rng)
-    early, late = cut_piece(own.readings, 0.0, 35.0), cut_piece(own.readings, 38.0, END_S)
+    predictor = learn(draw_unit("tactical", rng), rng)
+    early, late = cut_piece(predictor.readings, 0.0, 35.0), cut_piece(predictor.readings, 38.0, END_S)
     rows = {
         name: np.concatenate((getattr(early, name), getattr(late, name)))
         for name in ("gpst", "specific_force_m_s2", "angular_rate_rad_s")
     }
-    broken = replace(own, readings=replace(own.readings, **rows))
+    broken = replace(predictor, readings=replace(predictor.readings, **rows))
     assert broken.at(label(34.0)) is not None
     assert broken.at(label(45.0)) is None
     again = broken.until(label(40.0))
@@ -119,11 +119,11 @@ def test_missing_readings_end_it_and_it_restarts_by_learning():
 
 def test_carried_on_in_steps_or_at_once_it_is_the_same():
     rng = np.random.default_rng(4)
-    own = learn(draw_unit("tactical", rng), rng)
-    whole = own.at(label(60.0))
+    predictor = learn(draw_unit("tactical", rng), rng)
+    whole = predictor.at(label(60.0))
     for at_s in (33.0, 41.02, 55.5):
-        own = own.until(label(at_s))
-    assert own.at(label(60.0)).mean == pytest.approx(whole.mean, abs=1e-3)
-    spreads = (np.diag(item.covariance)[:6] for item in (own.at(label(60.0)), whole))
+        predictor = predictor.until(label(at_s))
+    assert predictor.at(label(60.0)).mean == pytest.approx(whole.mean, abs=1e-3)
+    spreads = (np.diag(item.covariance)[:6] for item in (predictor.at(label(60.0)), whole))
     ratio = np.divide(*spreads)
     assert ratio == pytest.approx(1.0, abs=0.05)

@@ -155,13 +155,13 @@ def test_the_sensitivity_is_the_derivative_of_the_innovation():
     state = begin(draw_start(REST, START, rng), settings, [5.0, 0.1], np.eye(2))
     state = replace(state, run=replace(state.run, last=np.stack((-HOME / 6.4e5, [0.1, -0.2, 0.3]))))
     fix = draw_fix(REST, 0.004, rng)
-    there = measurement_from_fix(state, fix, settings)
+    measurement = measurement_from_fix(state, fix, settings)
     for column in range(39):
         size = 1e-4
         moved = measurement_from_fix(_change_state(state, column, size), fix, settings)
-        slope = (moved.innovation - there.innovation) / size
+        slope = (moved.innovation - measurement.innovation) / size
         # An acceleration within the time to the fix is not followed: at most g times that, and a gain of g.
-        assert slope == pytest.approx(there.sensitivity[:, column], abs=0.05)
+        assert slope == pytest.approx(measurement.sensitivity[:, column], abs=0.05)
 
 
 def _change_state(state, column, size):

@@ -136,12 +136,12 @@ def test_without_parameters_the_ionosphere_is_all_uncertain():
 def test_the_ionosphere_goes_with_the_inverse_square_of_carrier():
     nav, position = sky.make_navigation(), sky.place(45.0, 5.0, 300.0)
     satellite = np.stack([sky.move_place(position, x, 0.0, 2e7) for x in (0.0, 1e7)])
-    one = compute_atmosphere(position, satellite, np.float64(43200.0), nav.ionosphere)
+    delays = compute_atmosphere(position, satellite, np.float64(43200.0), nav.ionosphere)
     carrier_hz = np.array([1575.42e6, 1575.42e6 / 2.0])
     two = compute_atmosphere(position, satellite, np.float64(43200.0), nav.ionosphere, carrier_hz=carrier_hz)
-    np.testing.assert_allclose(two.ionosphere_m / one.ionosphere_m, [1.0, 4.0])
-    np.testing.assert_allclose(two.sigma_m / one.sigma_m, [1.0, 4.0])
-    np.testing.assert_allclose(two.delay_m - one.delay_m, [0.0, 3.0 * one.ionosphere_m[1]], atol=1e-9)
+    np.testing.assert_allclose(two.ionosphere_m / delays.ionosphere_m, [1.0, 4.0])
+    np.testing.assert_allclose(two.sigma_m / delays.sigma_m, [1.0, 4.0])
+    np.testing.assert_allclose(two.delay_m - delays.delay_m, [0.0, 3.0 * delays.ionosphere_m[1]], atol=1e-9)
 
 
 def test_strange_places_have_finite_delays():

@@ -109,18 +109,18 @@ def test_skies_are_not_mixed_in_many_trials(nav, n_skies, trials):
 
 def test_each_sky_has_its_place_clock_and_covariance(nav, here, twelve):
     rng = np.random.default_rng(5)
-    there = sky.move_place(here, 900.0, -250.0, 15.0)
+    elsewhere = sky.move_place(here, 900.0, -250.0, 15.0)
     squares = {0: 0.0, 1: 0.0}
     statistics = []
     for _ in range(30):
         scene = sky.make_scene(
-            nav, [(twelve, here, 2e-4), (twelve, there, 2.05e-4)], noise_m=3.0, rng=rng, n=9, shuffle=True
+            nav, [(twelve, here, 2e-4), (twelve, elsewhere, 2.05e-4)], noise_m=3.0, rng=rng, n=9, shuffle=True
         )
         sets = find_consistent_sets(scene.observations, nav, **WHITE)
         assert len(sets) == 2
         for found in sets:
             (owner,) = set(scene.list_owners(found.signals))
-            error = np.append(found.position_ecef_m - (here, there)[owner], 0.0)
+            error = np.append(found.position_ecef_m - (here, elsewhere)[owner], 0.0)
             error[3] = (found.clock_bias_s - (2e-4, 2.05e-4)[owner]) * sky.C
             squares[owner] += error @ np.linalg.solve(found.covariance_m2, error)
             statistics.append(found.statistic)
@@ -167,8 +167,10 @@ def test_without_ephemerides_there_is_no_set(nav, here, twelve):
 
 def test_a_spoofer_of_few_satellites_shows_beside_the_full_sky(nav, here, twelve):
     rng = np.random.default_rng(8)
-    there = sky.move_place(here, -2000.0, 4000.0, 100.0)
-    scene = sky.make_scene(nav, [(twelve, here, 0.0), (twelve[3:9], there, 3e-6)], noise_m=2.0, rng=rng, shuffle=True)
+    elsewhere = sky.move_place(here, -2000.0, 4000.0, 100.0)
+    scene = sky.make_scene(
+        nav, [(twelve, here, 0.0), (twelve[3:9], elsewhere, 3e-6)], noise_m=2.0, rng=rng, shuffle=True
+    )
     sets = find_consistent_sets(scene.observations, nav)
     assert [len(s.signals) for s in sets] == [12, 6]
     assert [set(scene.list_owners(s.signals)) for s in sets] == [{0}, {1}]
@@ -176,9 +178,9 @@ def test_a_spoofer_of_few_satellites_shows_beside_the_full_sky(nav, here, twelve
 
 def test_a_timing_attack_shows_as_two_clocks_at_one_place(nav, here, twelve):
     scene = sky.make_scene(nav, [(twelve, here, 0.0), (twelve, here, 1e-6)], noise_m=2.0, shuffle=True)
-    one, two = find_consistent_sets(scene.observations, nav)
-    assert np.linalg.norm(one.position_ecef_m - two.position_ecef_m) < 15.0
-    np.testing.assert_allclose(abs(one.clock_bias_s - two.clock_bias_s), 1e-6, atol=3e-8)
+    first, second = find_consistent_sets(scene.observations, nav)
+    assert np.linalg.norm(first.position_ecef_m - second.position_ecef_m) < 15.0
+    np.testing.assert_allclose(abs(first.clock_bias_s - second.clock_bias_s), 1e-6, atol=3e-8)
 
 
 def test_one_sky_tracked_thrice_is_one_set(nav, here, twelve):
@@ -196,16 +198,18 @@ def test_underground_there_is_no_set_and_in_low_orbit_there_is(nav, twelve):
 
 def test_a_chance_member_goes_to_its_likelier_set(nav, here, twelve):
     rng = np.random.default_rng(12)
-    there = sky.move_place(here, 1500.0, 900.0, 0.0)
+    elsewhere = sky.move_place(here, 1500.0, 900.0, 0.0)
     apart = [
         abs(
-            np.subtract(*(sky.measure(nav, sat, np.array([sky.START]), p, 0.0).pseudorange_m[0] for p in (here, there)))
+            np.subtract(
+                *(sky.measure(nav, sat, np.array([sky.START]), p, 0.0).pseudorange_m[0] for p in (here, elsewhere))
+            )
         )
         for sat in twelve
     ]
     lent = twelve[int(np.argmin(apart))]  # the true sky lacks it; its false copy lies nearly as well in the true one
     sigma = min(apart) / 4.5
-    scene = sky.make_scene(nav, [([s for s in twelve if s != lent], here, 0.0), (twelve, there, 0.0)], n=1)
+    scene = sky.make_scene(nav, [([s for s in twelve if s != lent], here, 0.0), (twelve, elsewhere, 0.0)], n=1)
     seen = scene.observations
     (column,) = (k for k, s in enumerate(seen.signals) if s.sat == lent)
     false = scene.owners == 1
@@ -256,9 +260,9 @@ def test_a_sky_through_a_narrow_gap_is_found(nav, here):
 
 def test_the_search_finds_what_trying_all_combinations_finds(nav, here, twelve):
     rng = np.random.default_rng(13)
-    there = sky.move_place(here, 120.0, 80.0, 10.0)
+    elsewhere = sky.move_place(here, 120.0, 80.0, 10.0)
     for _ in range(5):
-        scene = sky.make_scene(nav, [(twelve[:6], here, 0.0), (twelve[:6], there, 0.0)], noise_m=3.0, n=1, rng=rng)
+        scene = sky.make_scene(nav, [(twelve[:6], here, 0.0), (twelve[:6], elsewhere, 0.0)], noise_m=3.0, n=1, rng=rng)
         seen = scene.observations
         ranges, copies = make_measurements(seen, nav), list_copies(seen, twelve[:6])
         free = np.ones(12, bool)

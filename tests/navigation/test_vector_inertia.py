@@ -51,9 +51,9 @@ def run_filter(elapsed_s=2.0, velocity=(0.0, 0.0, 0.0)):
 
 @pytest.mark.parametrize("lever_m", [(0.0, 0.0, 0.0), (2.0, -1.0, 0.5)])
 def test_changes_of_rows_add_up_to_the_motion(lever_m):
-    own, state = begin_motion(make_unit(lever_m=lever_m), run_filter(), add_seconds(2.0)), run_filter()
+    carried, state = begin_motion(make_unit(lever_m=lever_m), run_filter(), add_seconds(2.0)), run_filter()
     for row in range(1, 26):
-        own, (change, walk2) = carry_motion(own, add_seconds(2.0 + 0.2 * row))
+        carried, (change, walk2) = carry_motion(carried, add_seconds(2.0 + 0.2 * row))
         state = propagate_state(state, 2.0 + 0.2 * row, VectorSettings(), change, walk2=walk2)
     moved = np.concatenate((0.5 * PUSH_M_S2 * 4.0**2 * FORWARD, PUSH_M_S2 * 4.0 * FORWARD))
     off = state.mean[:6] - run_filter().mean[:6] - moved
@@ -78,8 +78,8 @@ def test_the_open_walk_covers_a_tilt_for_a_minute():
 
 def test_without_readings_it_carries_nobody():
     whole = make_unit()
-    own = begin_motion(whole, run_filter(), add_seconds(2.0))
-    assert carry_motion(own, add_seconds(9.0)) is None
+    carried = begin_motion(whole, run_filter(), add_seconds(2.0))
+    assert carry_motion(carried, add_seconds(9.0)) is None
     assert begin_motion(whole, run_filter(), add_seconds(9.0)) is None
     rows = np.r_[0:400, 600:800]  # two seconds are missing
     part = {name: getattr(whole.readings, name)[rows] for name in ("gpst", "specific_force_m_s2", "angular_rate_rad_s")}

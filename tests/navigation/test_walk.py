@@ -74,11 +74,11 @@ def test_false_fixes_are_noticed(walk, states, speed_m_s, with_velocity):
     for start_s, state in states.items():
         for direction in EAST_NORTH:
             away = speed_m_s * direction @ walk.to_enu
-            noticed_s, own = np.inf, state
+            noticed_s, spoofed = np.inf, state
             for fix, at in zip(walk.fixes, walk.seconds, strict=True):
                 if not start_s < at < start_s + 10.0:
                     continue
-                _, own = step(own, select_readings(walk.readings, own.gpst, fix.gpst), SETTINGS)
+                _, spoofed = step(spoofed, select_readings(walk.readings, spoofed.gpst, fix.gpst), SETTINGS)
                 false = estimate_from_parts(
                     fix.gpst,
                     position_ecef_m=fix.mean[:3] + (at - start_s) * away,
@@ -86,7 +86,9 @@ def test_false_fixes_are_noticed(walk, states, speed_m_s, with_velocity):
                     velocity_ecef_m_s=fix.mean[3:6] + away if with_velocity else None,
                     velocity_m2_s2=fix.covariance[3:6, 3:6] if with_velocity else None,
                 )
-                own, fit = correct(own, measurement_from_fix(own, false, SETTINGS), false_alarm_probability=1e-4)
+                spoofed, fit = correct(
+                    spoofed, measurement_from_fix(spoofed, false, SETTINGS), false_alarm_probability=1e-4
+                )
                 if not fit.used:
                     noticed_s = at - start_s
                     break

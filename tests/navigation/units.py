@@ -48,10 +48,10 @@ def add_errors(true: ImuSeries, grade: ImuGrade, rng: np.random.Generator) -> Un
     for k in range(n):
         bias[k + 1] = fade * bias[k] + sigma * np.sqrt(1.0 - fade**2) * rng.standard_normal(6)
     bias += six * rng.standard_normal(6)
-    own = rng.spawn(1)[0]
-    gain = grade.misalignment_rad * own.standard_normal((2, 3, 3))
+    stream = rng.spawn(1)[0]
+    gain = grade.misalignment_rad * stream.standard_normal((2, 3, 3))
     for part, scale in zip(gain, (grade.accelerometer_scale, grade.gyro_scale), strict=True):
-        part[np.diag_indices(3)] = scale * own.standard_normal(3)
+        part[np.diag_indices(3)] = scale * stream.standard_normal(3)
     wrong = 0.5 * (bias[1:] + bias[:-1]) + walk / np.sqrt(dt) * rng.standard_normal((n, 6))
     readings = replace(
         true,

@@ -190,8 +190,8 @@ def test_wide_lines_are_not_notched_without_neighbours(power_dbhz, width_hz, tog
     received = out[0] + 1j * out[1]
     lags = np.arange(-30, 31)
     replicas = np.array([np.roll(base, lag)[20_000:220_000] for lag in lags])
-    own, remaining = (np.mean(seen * replicas.conj(), axis=1) for seen in (base[20_000:220_000], received))
-    assert np.abs(remaining - own)[np.abs(lags) > 1.5 * RATE_HZ / 1.023e6].max() < beside
+    replica_mean, remaining = (np.mean(seen * replicas.conj(), axis=1) for seen in (base[20_000:220_000], received))
+    assert np.abs(remaining - replica_mean)[np.abs(lags) > 1.5 * RATE_HZ / 1.023e6].max() < beside
 
 
 @pytest.mark.parametrize("line_hz", [3e3, -211_003.0, 511_500.0])

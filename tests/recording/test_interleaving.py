@@ -67,9 +67,9 @@ def test_a_channel_without_signals_takes_its_turn() -> None:
 
 @pytest.mark.parametrize("noise", [0.0, 0.5, 1.0])
 def test_copies_of_one_channel_have_no_images_and_are_reported(noise: float) -> None:
-    one = draw_channel(RATE_HZ, 62_000, 1)
+    drawn = draw_channel(RATE_HZ, 62_000, 1)
     rng = np.random.default_rng(2)
-    planes = weave([one + noise * rng.normal(size=one.shape).astype(np.float32) for _ in range(2)])
+    planes = weave([drawn + noise * rng.normal(size=drawn.shape).astype(np.float32) for _ in range(2)])
     assert turns(planes, 2 * RATE_HZ, mix(), real=False) == Turns(samples=2)
 
 

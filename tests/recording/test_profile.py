@@ -52,10 +52,12 @@ def test_each_signal_of_a_satellite_has_its_peak() -> None:
 
 
 def test_the_stretch_may_begin_anywhere() -> None:
-    one = One("G12", 0.71e-3, -2500.0)
-    samples = draw_recording([one], 48.0)
+    signal = One("G12", 0.71e-3, -2500.0)
+    samples = draw_recording([signal], 48.0)
     start_s = 0.0101234
-    moved = One("G12", (one.delay_s - (1.0 + one.doppler_hz / GPS_L1_CA.carrier_hz) * start_s) % 1e-3, one.doppler_hz)
+    moved = One(
+        "G12", (signal.delay_s - (1.0 + signal.doppler_hz / GPS_L1_CA.carrier_hz) * start_s) % 1e-3, signal.doppler_hz
+    )
     delays, powers = compute_delay_profiles(samples, IF_HZ, [moved], -2.0, 2.0, start_s=start_s, duration_s=0.02)
     assert delays[np.argmax(powers[0])] == pytest.approx(0.0, abs=0.15)
 

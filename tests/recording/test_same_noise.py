@@ -58,8 +58,8 @@ def find(first, second, carrier_cycles=0.0):
 @pytest.mark.parametrize("bits", [1, 2, None])
 def test_a_copy_is_seen_whatever_its_shift_and_its_gain(bits):
     rng = np.random.default_rng(1)
-    one = quantize(draw_sky(rng)[0] + draw_noise(rng), bits)
-    reported = find(one, 0.37 * np.roll(one, 3, axis=1))
+    original = quantize(draw_sky(rng)[0] + draw_noise(rng), bits)
+    reported = find(original, 0.37 * np.roll(original, 3, axis=1))
     assert reported.coefficient > 0.97  # a lag between two that are tried loses up to 2.5 %
     assert reported.lag_s == pytest.approx(3.0 / RATE_HZ, abs=2e-9)
     assert reported.p_value < 1e-12
@@ -68,8 +68,8 @@ def test_a_copy_is_seen_whatever_its_shift_and_its_gain(bits):
 @pytest.mark.parametrize(("share", "least"), [(0.01, 0.96), (0.2, 0.5)])
 def test_turned_bits_hide_no_copy(share, least):
     rng = np.random.default_rng(2)
-    one = quantize(draw_sky(rng)[0] + draw_noise(rng), 1)
-    reported = find(one, np.where(rng.random(one.shape) < share, -one, one))
+    original = quantize(draw_sky(rng)[0] + draw_noise(rng), 1)
+    reported = find(original, np.where(rng.random(original.shape) < share, -original, original))
     assert reported.coefficient > least
     assert reported.p_value < 1e-12
 
@@ -80,11 +80,12 @@ def test_two_receivers_on_one_antenna_are_seen(own_db):
     rng = np.random.default_rng(3)
     antenna = draw_sky(rng)[0] + draw_noise(rng)
     turn = np.exp(2j * np.pi * 90.0 * np.arange(N) / RATE_HZ)
-    own = 10.0 ** (own_db / 20.0)
+    own_amplitude = 10.0 ** (own_db / 20.0)
     reported = find(
-        quantize(antenna + own * draw_noise(rng), None), quantize(antenna * turn + own * draw_noise(rng), None)
+        quantize(antenna + own_amplitude * draw_noise(rng), None),
+        quantize(antenna * turn + own_amplitude * draw_noise(rng), None),
     )
-    assert reported.coefficient == pytest.approx(1.0 / (1.0 + own**2), abs=0.03)
+    assert reported.coefficient == pytest.approx(1.0 / (1.0 + own_amplitude**2), abs=0.03)
     assert reported.p_value < 1e-12
 
 
@@ -139,8 +140,8 @@ def test_no_strength_of_common_signals_is_taken_for_common_noise(sats, bits):
 def test_independent_noise_shares_nothing():
     rng = np.random.default_rng(7)
     for _ in range(30):
-        one, other = (draw_noise(rng, N_ROWS * 512).reshape(N_ROWS, 512).astype(np.complex64) for _ in range(2))
-        reported = compare(one, other)
+        first, other = (draw_noise(rng, N_ROWS * 512).reshape(N_ROWS, 512).astype(np.complex64) for _ in range(2))
+        reported = compare(first, other)
         assert reported.p_value == 1.0
         assert reported.coefficient < 0.5 * EXPLAINED
 
@@ -151,9 +152,11 @@ def test_explained_correlation_alarms_no_more_than_stated():
     rng, wanted, cells = np.random.default_rng(8), 0.2, 512
     alarms, coefficients = 0, []
     for _ in range(60):
-        common, one, other = (draw_noise(rng, N_ROWS * cells).reshape(N_ROWS, cells) for _ in range(3))
-        own = np.sqrt(1.0 / EXPLAINED - 1.0)
-        reported = compare((common + own * one).astype(np.complex64), (common + own * other).astype(np.complex64))
+        common, first, other = (draw_noise(rng, N_ROWS * cells).reshape(N_ROWS, cells) for _ in range(3))
+        own_amplitude = np.sqrt(1.0 / EXPLAINED - 1.0)
+        reported = compare(
+            (common + own_amplitude * first).astype(np.complex64), (common + own_amplitude * other).astype(np.complex64)
+        )
         alarms += reported.p_value < wanted
         coefficients.append(reported.coefficient)
     assert alarms <= 20  # 12 are stated; twice the sigma more

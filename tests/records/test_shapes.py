@@ -118,8 +118,8 @@ def test_between_has_its_begin_and_not_its_end(record):
 
 
 def test_every_record_that_can_be_selected_is_tried():
-    here = {kind for kind in Selectable.__subclasses__() if kind.__module__.startswith("skyproof.records")}
-    assert here == {type(record) for record in RECORDS}
+    selectable = {kind for kind in Selectable.__subclasses__() if kind.__module__.startswith("skyproof.records")}
+    assert selectable == {type(record) for record in RECORDS}
 
 
 def test_selected_channels_are_those_of_every_field():

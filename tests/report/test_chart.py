@@ -186,17 +186,17 @@ def test_a_diagonal_is_drawn_however_far_the_points_lie() -> None:
     root = draw(rows, x_log=True, y_log=True, scattered=True, diagonal=True)
     (line,) = (item for item in root.iter(f"{SVG}line") if item.get("class") == "frame")
     (frame,) = (item for item in root.iter(f"{SVG}rect") if item.get("class") == "frame")
-    left, width = float(frame.get("x", "nan")), float(frame.get("width", "nan"))
+    left_px, width = float(frame.get("x", "nan")), float(frame.get("width", "nan"))
     ends = [float(line.get(name, "nan")) for name in ("x1", "x2")]
-    assert ends == pytest.approx([left, left + width], abs=0.2)
+    assert ends == pytest.approx([left_px, left_px + width], abs=0.2)
     marks = [path.get("d", "").count("M") for path in root.iter(f"{SVG}path") if "point" in path.get("class", "")]
     assert marks == [9, 1]
 
 
 def test_several_charts_stand_below_each_other() -> None:
-    one = draw_chart_svg(ROWS, [Axes()])
+    single = draw_chart_svg(ROWS, [Axes()])
     two = ElementTree.fromstring(draw_chart_svg(ROWS, [Axes(), Axes(title="Another")]))
-    height = float(ElementTree.fromstring(one).get("viewBox", "").split()[3])
+    height = float(ElementTree.fromstring(single).get("viewBox", "").split()[3])
     assert float(two.get("viewBox", "").split()[3]) == pytest.approx(2 * height, abs=1.0)
     assert {"A chart", "Another"} <= set(list_texts(two))
 

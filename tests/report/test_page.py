@@ -103,9 +103,22 @@ def test_the_page_says_everything_that_the_verdict_says() -> None:
 def test_the_page_draws_what_it_was_given() -> None:
     page = write_report_html(VERDICT, make_pictures())
     headings = [re.search("<h3>(.*?)</h3>", figure) for figure in page.split("<figure")[1:]]
-    one, two = ["rx1"], ["rx2"]
+    first, second = ["rx1"], ["rx2"]
     subjects = [re.findall(r"\brx\d", heading[1]) for heading in headings if heading]
-    assert subjects == [[], one, two, one, one, one, one, two, one, two + one, one, one + two]
+    assert subjects == [
+        [],
+        first,
+        second,
+        first,
+        first,
+        first,
+        first,
+        second,
+        first,
+        second + first,
+        first,
+        first + second,
+    ]
 
 
 def test_the_same_input_gives_the_same_bytes() -> None:
@@ -273,8 +286,8 @@ def list_facts(**changes: Any) -> dict[str, str]:
 def test_the_top_answers_since_when_where_and_how_sure() -> None:
     reported = list_facts()
     assert reported["Spoofed since"] == "10:00:24 ± 0.5 s (one sigma), 2022-01-01, GPS time; 2022-01-01 10:00:06 UTC"
-    shown = "59.41210° N, 16.88370° E rx1, at 10:00:59.9 GPS time (10:00:41.9 UTC), within "
-    assert reported["True position"].startswith(shown)
+    position = "59.41210° N, 16.88370° E rx1, at 10:00:59.9 GPS time (10:00:41.9 UTC), within "
+    assert reported["True position"].startswith(position)
     (false,) = (answer for asked, answer in reported.items() if "false signals" in asked)
     assert "rx1 seems" in false
     assert false.endswith(f" {format_clock('2022-01-01T10:00:59.9')}")

@@ -22,10 +22,10 @@ from skyproof.report.takeover import (
 
 def list_parts(value, **more):
     delays = np.linspace(-1.0, 1.0, len(value))
-    both = np.stack((np.abs(value), 0.5 * np.abs(value)))
+    parts = np.stack((np.abs(value), 0.5 * np.abs(value)))
     numbers = {"second_chips": -0.4, "second_db": -6.0, "second_deg": 120.0} | more
     return CorrelationParts(
-        receiver="rx1", sat="G07", at_s=3.0, delays_chips=delays, value=np.asarray(value), parts=both, **numbers
+        receiver="rx1", sat="G07", at_s=3.0, delays_chips=delays, value=np.asarray(value), parts=parts, **numbers
     )
 
 
@@ -40,10 +40,10 @@ def test_colour_is_the_phase(degrees, colour):
 def test_a_second_phase_gives_a_second_colour():
     value = np.concatenate([np.full(5, 10.0j), np.full(5, 20.0 + 0.0j)])
     root = parse(plot_correlations([list_parts(value)], title="x"))
-    left, right = [e for e in select_class(root, "phase") if e.tag == "path"]
-    assert (left.get("class"), right.get("class")) == ("phase p3", "phase p0")
-    base, *line = [float(y) for _, y in re.findall(r"(-?[\d.]+) (-?[\d.]+)", right.get("d"))]
-    low = [float(y) for _, y in re.findall(r"(-?[\d.]+) (-?[\d.]+)", left.get("d"))]
+    first, second = [e for e in select_class(root, "phase") if e.tag == "path"]
+    assert (first.get("class"), second.get("class")) == ("phase p3", "phase p0")
+    base, *line = [float(y) for _, y in re.findall(r"(-?[\d.]+) (-?[\d.]+)", second.get("d"))]
+    low = [float(y) for _, y in re.findall(r"(-?[\d.]+) (-?[\d.]+)", first.get("d"))]
     assert base - min(line) == pytest.approx(2.0 * (low[0] - low[1]), abs=0.2)
     assert "\N{MINUS SIGN}0.40 chip, \N{MINUS SIGN}6 dB, +120°" in list_texts(root)
     assert "delay, chips (1 chip = 293 m)" in list_texts(root)

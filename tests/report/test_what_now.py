@@ -37,8 +37,8 @@ def test_an_attack_that_harms_nobody_yet_is_not_said_to_harm() -> None:
 
 
 def test_without_a_trusted_position_no_satellite_is_to_be_used() -> None:
-    [(what, why)] = what_now(make_verdict(false_fix=FALSE))
-    assert what is Advice.USE_NOTHING
+    [(action, why)] = what_now(make_verdict(false_fix=FALSE))
+    assert action is Advice.USE_NOTHING
     assert f" {format_clock('2022-01-01T10:00:24')}" in why
 
 
@@ -61,8 +61,8 @@ def test_a_position_that_no_signal_moves_may_be_used(kind: str, word: str) -> No
 
 def test_a_consistent_position_may_be_used_but_is_unproven() -> None:
     verdict = make_verdict("no_attack_seen", consistent_fix=FIX | {"hidden_m": 40.0}, unprotected_fix=FIX)
-    (what, why), *_ = what_now(verdict)
-    assert (what, "rx1-consistent.nmea" in why) == (Advice.GO_ON, True)
+    (action, why), *_ = what_now(verdict)
+    assert (action, "rx1-consistent.nmea" in why) == (Advice.GO_ON, True)
     (words,) = (words for heading, words in verdict.explained if heading == "Position:")
     assert re.search(r"^rx1 is consistent, .* 2\.\d m .*\b40 m at most", words)
 

@@ -376,12 +376,12 @@ def test_taps_are_absent_while_their_signal_is(navigation: NavigationData) -> No
 
 def test_the_same_generator_gives_the_same_outputs(navigation: NavigationData) -> None:
     scene = make_overlapping(navigation, FILTERED)
-    one, other = (
+    first, other = (
         correlate(scene, 0, [0.02, 0.1], delays_chips=TAPS_CHIPS, rng=np.random.default_rng(5), draws=(2, 3)).value
         for _ in range(2)
     )
-    assert one.tobytes() == other.tobytes()
-    assert one.shape == (2, 3, 2, 2, 1, 9)
+    assert first.tobytes() == other.tobytes()
+    assert first.shape == (2, 3, 2, 2, 1, 9)
 
 
 def test_a_triangle_without_a_filter_and_less_with_one() -> None:

@@ -58,10 +58,10 @@ def is_fitting(front_end: FrontEnd) -> bool:
 @pytest.fixture(scope="module")
 def arrays(scenario: Scenario) -> Scenario:
     """Write two antennas on a car that drives, with an inertial unit, an attack that pauses, and interference."""
-    one, two = scenario.receivers
+    first, second = scenario.receivers
     (meaconer,) = scenario.attacks
-    site = one.model_dump(exclude={"heading_deg", "pitch_deg", "roll_deg", "path", "antennas", "imu"})
-    car = type(one)(
+    site = first.model_dump(exclude={"heading_deg", "pitch_deg", "roll_deg", "path", "antennas", "imu"})
+    car = type(first)(
         **site,
         path=Circle(radius_m=40.0, speed_m_s=8.0),
         imu=SceneImu(rate_hz=20.0, grade="tactical"),
@@ -72,7 +72,7 @@ def arrays(scenario: Scenario) -> Scenario:
         update={
             "name": "arrays",
             "duration_s": 1.0,
-            "receivers": (car, two),
+            "receivers": (car, second),
             "front_end": FrontEnd(rate_hz=1e6, encoding="int", bits=8),
             "attacks": (meaconer.model_copy(update={"onset_s": 0.25, "off_s": ((0.5, 0.75),)}),),
             "interference": (
@@ -198,11 +198,11 @@ def test_the_truth_says_what_is_false_and_what_it_shows(scenario: Scenario, navi
     assert attack["onset_gpst"] == "2023-03-04T05:06:08.750000000"
     assert attack["captured_receiver_shows_position"] == {"lat_deg": 40.005, "lon_deg": -3.008, "height_m": 700.0}
     assert attack["captured_clock_extra_s"]["one"] == pytest.approx(3.7e-6 + 118.0 / 3e8, rel=0.01)
-    one, _ = truth["receivers"]
-    assert one["true_start_gpst"] == "2023-03-04T05:06:07.250012300"
-    labels = {(row["sat"], row["copy"]): row["label"] for row in one["signals"]}
+    first, _ = truth["receivers"]
+    assert first["true_start_gpst"] == "2023-03-04T05:06:07.250012300"
+    labels = {(row["sat"], row["copy"]): row["label"] for row in first["signals"]}
     assert {labels[sat, "b"] for sat in attack["sats"]} == {"spoofed"}
-    false = [row for row in one["signals"] if row["label"] == "spoofed"]
+    false = [row for row in first["signals"] if row["label"] == "spoofed"]
     assert all(300.0 < row["delay_to_authentic_m_first_last"][0] < 2500.0 for row in false)
     assert all(row["from_gpst"].startswith("2023-03-04T05:06:08.7500") for row in false)
 
@@ -296,14 +296,16 @@ def test_the_truth_of_arrays_clocks_and_interference(
     truth = json.loads(write_truth(tmp_path, build_truth(scene, files=["a.bin"])).read_text())
     assert (truth["format"], truth["seed"], truth["files"]) == ("skyproof-truth/1", 7, ["a.bin"])
     assert truth["navigation"] == "nominal constellation"
-    left, right, two = truth["receivers"]
+    left_truth, right, two = truth["receivers"]
     assert (right["name"], right["receiver"], right["antenna"]["body_m"]) == ("one.r", "one", [0.0, 1.0, 0.0])
-    assert left["path"] == "circle"
-    assert left["position"] != left["position_at_end"]
+    assert left_truth["path"] == "circle"
+    assert left_truth["position"] != left_truth["position_at_end"]
     assert two["position"] == two["position_at_end"] == {"lat_deg": 40.0004, "lon_deg": -2.9996, "height_m": 650.0}
-    assert left["clock_offset_at_end_s"] - left["clock_offset_at_start_s"] == pytest.approx(0.7e-6, rel=1e-5)
-    assert left["clock_drift_at_start"] == pytest.approx(0.7e-6)
-    assert left["imu"]["errors"]["source"]
+    assert left_truth["clock_offset_at_end_s"] - left_truth["clock_offset_at_start_s"] == pytest.approx(
+        0.7e-6, rel=1e-5
+    )
+    assert left_truth["clock_drift_at_start"] == pytest.approx(0.7e-6)
+    assert left_truth["imu"]["errors"]["source"]
     assert two["imu"] is None
     noise, tone = truth["interference"]
     assert [noise["name"], tone["name"]] == ["noise", "tone"]

@@ -402,9 +402,9 @@ def test_constant_errors_have_the_stated_spread():
     made = [ImuErrors.of(grade, 1.0, 1, seed) for seed in range(500)]
     bias = np.stack([each.bias for each in made]) / np.repeat([2e-3, 1e-5], 3)
     gain = np.stack([each.gain for each in made]).reshape(-1, 2, 3, 3)
-    own = np.einsum("njaa->nja", gain) / np.array([[3e-4], [5e-4]])
+    diagonal = np.einsum("njaa->nja", gain) / np.array([[3e-4], [5e-4]])
     cross = gain[:, :, ~np.eye(3, dtype=bool)] / 1e-4
-    for values in (bias, own, cross):
+    for values in (bias, diagonal, cross):
         assert 1e-4 < stats.chi2.cdf(np.sum(values**2), values.size) < 1.0 - 1e-4
 
     clean, wrong = (

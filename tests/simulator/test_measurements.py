@@ -68,22 +68,22 @@ def test_a_copy_exists_from_its_onset_and_states_when_found(scene: Scene) -> Non
 
 
 def test_receivers_share_epochs(scene: Scene) -> None:
-    (one, two), _ = draw(make_ideal_measurements(scene), rng=np.random.default_rng(1))
-    shared = np.intersect1d(one.gpst, two.gpst)
+    (first, second), _ = draw(make_ideal_measurements(scene), rng=np.random.default_rng(1))
+    shared = np.intersect1d(first.gpst, second.gpst)
     assert shared.size >= 28
     assert np.all(np.diff(shared) == np.timedelta64(1, "s"))
     assert np.all(shared == shared.astype("datetime64[s]"))  # whole seconds, whenever the scene began
 
 
 def test_double_differences_name_the_copies(scene: Scene) -> None:
-    (one, two), labels = draw(make_ideal_measurements(scene), rng=np.random.default_rng(1), noise=SILENT)
-    _, at_one, at_two = np.intersect1d(one.gpst, two.gpst, return_indices=True)
-    assert one.signals == two.signals
-    single_m = two.pseudorange_m[at_two[10]] - one.pseudorange_m[at_one[10]]
+    (first, second), labels = draw(make_ideal_measurements(scene), rng=np.random.default_rng(1), noise=SILENT)
+    _, at_one, at_two = np.intersect1d(first.gpst, second.gpst, return_indices=True)
+    assert first.signals == second.signals
+    single_m = second.pseudorange_m[at_two[10]] - first.pseudorange_m[at_one[10]]
     # labels are equal, true times are not: each range moves on by its rate in the difference of the clocks
     apart_s = (2.1e-4 + 3.3e-4) + 11.0 * 1.8e-6
-    single_m = single_m + apart_s * SPEED_OF_LIGHT_M_S / L1_HZ * one.doppler_hz[at_one[10]]
-    false = np.array([labels[SignalRef("one", signal)] == "spoofed" for signal in one.signals])
+    single_m = single_m + apart_s * SPEED_OF_LIGHT_M_S / L1_HZ * first.doppler_hz[at_one[10]]
+    false = np.array([labels[SignalRef("one", signal)] == "spoofed" for signal in first.signals])
     assert np.ptp(single_m[false]) < 0.02
     assert np.ptp(single_m[~false]) > 30.0
 
@@ -112,9 +112,9 @@ def test_a_constant_error_stays_for_the_window(scene: Scene) -> None:
 
 def test_stated_sigmas_follow_the_carrier_to_noise_density(scene: Scene) -> None:
     (observed, _), _ = draw(make_ideal_measurements(scene), rng=np.random.default_rng(1), noise=NoiseModel(sigma_m=0.4))
-    there = observed.status == 0
-    expected_m = 0.4 * 10.0 ** ((45.0 - observed.cn0_dbhz[there]) / 20.0)
-    np.testing.assert_allclose(observed.pseudorange_sigma_m[there], expected_m)
+    measured = observed.status == 0
+    expected_m = 0.4 * 10.0 ** ((45.0 - observed.cn0_dbhz[measured]) / 20.0)
+    np.testing.assert_allclose(observed.pseudorange_sigma_m[measured], expected_m)
 
 
 @pytest.mark.parametrize("kind", ["noise", "cw"])

@@ -381,11 +381,11 @@ def test_samples_of_a_smooth_motion_give_it_back():
     t_s = np.arange(0.0, 101.0, 0.5)
     truth = make_circle(HOME, 80.0, 12.0)
     found, moments_s = from_samples(t_s, truth.at(t_s).position_ecef_m), np.linspace(5.0, 95.0, 777)
-    one, other = truth.at(moments_s), found.at(moments_s)
-    assert np.abs(one.position_ecef_m - other.position_ecef_m).max() < 1e-5
-    assert np.abs(one.acceleration_ecef_m_s2 - other.acceleration_ecef_m_s2).max() < 1e-4
-    assert np.abs(one.attitude - other.attitude).max() < 1e-5
-    assert np.abs(one.angular_rate_body_rad_s - other.angular_rate_body_rad_s).max() < 1e-4
+    exact, other = truth.at(moments_s), found.at(moments_s)
+    assert np.abs(exact.position_ecef_m - other.position_ecef_m).max() < 1e-5
+    assert np.abs(exact.acceleration_ecef_m_s2 - other.acceleration_ecef_m_s2).max() < 1e-4
+    assert np.abs(exact.attitude - other.attitude).max() < 1e-5
+    assert np.abs(exact.angular_rate_body_rad_s - other.angular_rate_body_rad_s).max() < 1e-4
 
 
 def test_samples_keep_an_attitude_that_is_given():
@@ -394,9 +394,9 @@ def test_samples_keep_an_attitude_that_is_given():
     found = from_samples(t_s, result.position_ecef_m, attitude=result.attitude)
     np.testing.assert_allclose(found.at(t_s).attitude, result.attitude, atol=1e-12)
     between_s = t_s[8:-8] + 0.1
-    one, other = truth.at(between_s), found.at(between_s)
-    assert np.abs(one.attitude - other.attitude).max() < 2e-4
-    assert np.abs(one.angular_rate_body_rad_s - other.angular_rate_body_rad_s).max() < 1e-2
+    exact, other = truth.at(between_s), found.at(between_s)
+    assert np.abs(exact.attitude - other.attitude).max() < 2e-4
+    assert np.abs(exact.angular_rate_body_rad_s - other.angular_rate_body_rad_s).max() < 1e-2
 
 
 @pytest.mark.parametrize("n", [2, 3, 4, 5, 6, 7])

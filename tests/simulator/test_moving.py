@@ -93,20 +93,20 @@ def test_antenna_phases_are_the_baseline_on_the_sight_lines(
             sight = find_sight(scene, navigation, first.signals[column].id.sat, first, float(true_s))
             assert double_m[column] == pytest.approx(-sight @ baseline_m, abs=0.05 * MM)
         transmit = convert_ecef(np.array(list(TRANSMIT.values())))
-        here, there = (sky.point(at_s).position_ecef_m[n] for sky in (first, other))
-        path_m = np.linalg.norm(there - transmit) - np.linalg.norm(here - transmit)
+        first_m, other_m = (sky.point(at_s).position_ecef_m[n] for sky in (first, other))
+        path_m = np.linalg.norm(other_m - transmit) - np.linalg.norm(first_m - transmit)
         assert double_m[list_columns(first, "spoofed")] == pytest.approx(path_m, abs=0.05 * MM)  # one direction for all
 
 
 def find_sight(scene: Scene, navigation: NavigationData, sat: str, sky: ReceiverSky, true_s: float) -> np.ndarray:
     """Find the unit vector to a satellite by differences of the twin's ranges."""
     ephemeris = navigation.best(sat, scene.scenario.start_gpst)
-    here = sky.point(np.array([true_s])).position_ecef_m[0]
+    place_m = sky.point(np.array([true_s])).position_ecef_m[0]
 
     def range_m(ecef_m: np.ndarray) -> float:
         return float(compute_delays(place_of(ecef_m), ephemeris, navigation, scene.scenario.start_gpst, true_s).range_m)
 
-    return -np.array([(range_m(here + step) - range_m(here - step)) / 20.0 for step in 10.0 * np.eye(3)])
+    return -np.array([(range_m(place_m + step) - range_m(place_m - step)) / 20.0 for step in 10.0 * np.eye(3)])
 
 
 def test_the_spinning_arm_turns_as_described(scene: Scene) -> None:
@@ -199,11 +199,11 @@ def test_satellites_of_another_antenna_come_from_there(navigation: NavigationDat
     second = {**TRANSMIT, "lat_deg": 39.998, "sats": sats}
     sky = make_scene_with(navigation, attacks=[TABLE["attacks"][0] | {"antennas": [second]}]).skies[0]
     at_s = np.array([6.0])
-    here = sky.point(at_s).position_ecef_m[0]
-    there = [
+    place_m = sky.point(at_s).position_ecef_m[0]
+    delayed = [
         convert_ecef(np.array([site["lat_deg"], site["lon_deg"], site["height_m"]])) for site in (TRANSMIT, second)
     ]
-    further_m = np.linalg.norm(here - there[1]) - np.linalg.norm(here - there[0])
+    further_m = np.linalg.norm(place_m - delayed[1]) - np.linalg.norm(place_m - delayed[0])
     apart_m = SPEED_OF_LIGHT_M_S * (sky.code_delay_s(6.0) - plain.code_delay_s(6.0))
     for column, heard in enumerate(plain.signals):
         expected_m = further_m if heard.label == "spoofed" and heard.id.sat in sats else 0.0

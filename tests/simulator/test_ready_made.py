@@ -98,9 +98,9 @@ def measure_shown_enu_m(name: str, true_s: Reals) -> Reals:
     """Measure how far the place shown has left the receiver, in axes of where that is at the first time."""
     the_scene = read_scene(name)
     (trajectory,) = the_scene.trajectories.values()
-    shown, here = the_scene.shown[0](true_s).position_ecef_m, trajectory.at(true_s).position_ecef_m
+    shown_m, true_m = the_scene.shown[0](true_s).position_ecef_m, trajectory.at(true_s).position_ecef_m
     receiver = the_scene.scenario.receivers[0]
-    return np.asarray((shown - here) @ rot_enu_ecef(*receiver.geodetic_rad[:2]).T)
+    return np.asarray((shown_m - true_m) @ rot_enu_ecef(*receiver.geodetic_rad[:2]).T)
 
 
 # ------------------------------------------------------------------ all of them
@@ -160,8 +160,8 @@ def test_receivers_of_multi_receiver_stand_as_tables_3_and_4_say() -> None:
         ("rx1", "rx3"): 50,
         ("rx1", "rx4"): 50,
     }
-    for (one, other), metres in pairs.items():
-        assert measure_away_m("multi-receiver", one, other) == pytest.approx(metres, abs=0.01), (one, other)
+    for (first, other), metres in pairs.items():
+        assert measure_away_m("multi-receiver", first, other) == pytest.approx(metres, abs=0.01), (first, other)
     scenario = read_ready_made("multi-receiver")
     places = {receiver.name: receiver for receiver in scenario.receivers}
     assert len(places) == 10
@@ -203,8 +203,8 @@ def test_the_meaconer_of_the_ramp_climbs_and_falls_2_db_in_30_s() -> None:
     up = -14.0 + 2.0 * np.arange(15)
     assert level_db == pytest.approx([*up, 14.0, 14.0, *up[-2::-1]], abs=0.01)
     distances = {("A", "B"): 50.0, ("A", "C"): 15.0}
-    for (one, other), metres in distances.items():
-        assert measure_away_m("meacon-ramp", one, other) == pytest.approx(metres, abs=0.01)
+    for (first, other), metres in distances.items():
+        assert measure_away_m("meacon-ramp", first, other) == pytest.approx(metres, abs=0.01)
     assert read_scene("meacon-ramp").path_m[0, :2] == pytest.approx([120.0, 70.0], abs=0.1)
     meaconer = read_ready_made("meacon-ramp").attacks[0]
     assert isinstance(meaconer, Meaconer)
@@ -297,10 +297,10 @@ def test_the_vector_sky_is_that_of_the_tables() -> None:
     }
     for name in ("vector-one-spoofer", "vector-many"):
         sky = read_scene(name).skies[0]
-        both = list_columns(sky, "authentic") | list_columns(sky, "spoofed")
-        assert both.keys() == directions.keys()
+        signals = list_columns(sky, "authentic") | list_columns(sky, "spoofed")
+        assert signals.keys() == directions.keys()
         first = (sky.knots_s >= 0.0) & (sky.knots_s <= 1.0)
-        for sat, column in both.items():
+        for sat, column in signals.items():
             az, el = np.radians(directions[sat])
             az_rad, el_rad = sky.az_rad[first, column], sky.el_rad[first, column]
             cosine = np.sin(el_rad) * np.sin(el) + np.cos(el_rad) * np.cos(el) * np.cos(az_rad - az)

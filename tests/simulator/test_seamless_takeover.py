@@ -248,9 +248,9 @@ def test_the_sum_shows_nothing_but_its_turn_until_150_s() -> None:
     # C/N0 and shape, that is delay, of every satellite's correlation stay; its carrier turns by 0.025 Hz and stops.
     at_s = np.arange(110.05, 149.96, 0.7)
     clean = draw_correlators(7, at_s, "G05", "G27", attacked=False).mean[:, :, 0]
-    both = draw_correlators(7, at_s, "G05", "G27").mean[:, :, 0]
+    means = draw_correlators(7, at_s, "G05", "G27").mean[:, :, 0]
     strong = slice(45, -45)  # within 0.75 chip
-    ratio = (both / clean)[..., strong]
+    ratio = (means / clean)[..., strong]
     assert np.abs(ratio) == pytest.approx(1.0, abs=1e-3)
     turned_deg = np.degrees(np.unwrap(np.angle(ratio), axis=0))
     published_deg = 180.0 * np.clip((at_s - 110.0) / 20.0, 0.0, 1.0)

@@ -55,10 +55,10 @@ def test_double_differences_of_false_signals_are_zero(scene: Scene, kind: str) -
 def test_double_differences_are_the_baseline_on_sight_lines(
     scene: Scene, navigation: NavigationData, kind: str
 ) -> None:
-    one, two = scene.scenario.receivers
+    first, second = scene.scenario.receivers
     true_s = 2.0
     (sats, one_m), (_, two_m) = (list_delays_m(sky, true_s, label="authentic", kind=kind) for sky in scene.skies)
-    middle = 0.5 * (convert_ecef(one) + convert_ecef(two))
+    middle = 0.5 * (convert_ecef(first) + convert_ecef(second))
     sights = []
     for sat in sats:
         ephemeris = navigation.best(sat, scene.scenario.start_gpst)
@@ -66,7 +66,7 @@ def test_double_differences_are_the_baseline_on_sight_lines(
         sent = scene.scenario.start_gpst + np.timedelta64(round((true_s - 0.075) * 1e9), "ns")
         sat_ecef_m = rotate_to_reception(compute_satellite_state(ephemeris, sent).position_ecef_m, 0.075)
         sights.append(compute_unit_vectors(middle, sat_ecef_m))
-    expected_m = -np.array(sights) @ (convert_ecef(two) - convert_ecef(one))
+    expected_m = -np.array(sights) @ (convert_ecef(second) - convert_ecef(first))
     double_m = (two_m - one_m) - (two_m - one_m)[0]
     assert np.abs(expected_m - expected_m[0]).max() > 30.0
     assert np.abs(double_m - (expected_m - expected_m[0])).max() < MM
@@ -128,8 +128,8 @@ def test_a_spoofer_shows_its_false_place_and_clock(scenario: Scenario, navigatio
         if heard.label == "spoofed":
             ephemeris = navigation.best(heard.id.sat, scenario.start_gpst)
             assert ephemeris is not None
-            there = compute_delays(shows, ephemeris, navigation, scenario.start_gpst, true_s - added_s)
-            assert sky.code_delay_s(true_s)[column] == pytest.approx(float(there.code_s) + added_s, abs=1e-13)
+            shown_s = compute_delays(shows, ephemeris, navigation, scenario.start_gpst, true_s - added_s)
+            assert sky.code_delay_s(true_s)[column] == pytest.approx(float(shown_s.code_s) + added_s, abs=1e-13)
 
 
 def test_labels_name_every_signal_of_every_receiver(scene: Scene) -> None:

@@ -53,32 +53,32 @@ def test_what_moves_has_no_attitude_of_its_own(scenario: Scenario) -> None:
 
 
 def test_files_that_are_named_lie_beside_it(scenario: Scenario, navigation: NavigationData, tmp_path: Path) -> None:
-    there, here = tmp_path / "there", tmp_path / "here"
-    there.mkdir()
-    here.mkdir()
-    write_nav(there / "plain.rnx", navigation)
-    (there / "day.rnx.gz").write_bytes(gzip.compress((there / "plain.rnx").read_bytes()))
-    (there / "walk.CSV").write_text("time_s,lat_deg,lon_deg,height_m\n0,40.0,-3.0,650\n10,40.0,-2.999,650\n")
+    source, target = tmp_path / "there", tmp_path / "here"
+    source.mkdir()
+    target.mkdir()
+    write_nav(source / "plain.rnx", navigation)
+    (source / "day.rnx.gz").write_bytes(gzip.compress((source / "plain.rnx").read_bytes()))
+    (source / "walk.CSV").write_text("time_s,lat_deg,lon_deg,height_m\n0,40.0,-3.0,650\n10,40.0,-2.999,650\n")
     table = resolve(scenario)
     del table["receivers"][1]
-    one = table["receivers"][0] | {"path": {"kind": "file", "path": "walk.CSV", "start_s": -1.0}}
+    receiver = table["receivers"][0] | {"path": {"kind": "file", "path": "walk.CSV", "start_s": -1.0}}
     for angle in ("heading_deg", "pitch_deg", "roll_deg"):
-        del one[angle]
-    made = Scenario.model_validate(table | {"navigation": "day.rnx.gz", "receivers": [one]})
-    (there / "s.toml").write_text(tomli_w.dumps(resolve(made)))
+        del receiver[angle]
+    made = Scenario.model_validate(table | {"navigation": "day.rnx.gz", "receivers": [receiver]})
+    (source / "s.toml").write_text(tomli_w.dumps(resolve(made)))
 
-    read = read_scenario(there / "s.toml")
-    assert read.navigation == there / "day.rnx.gz"
-    assert read.receivers[0].path.path == there / "walk.CSV"
+    read = read_scenario(source / "s.toml")
+    assert read.navigation == source / "day.rnx.gz"
+    assert read.receivers[0].path.path == source / "walk.CSV"
     alone = collect_standalone(read)
     assert alone.table["navigation"] == "broadcast.rnx"
     assert alone.table["receivers"][0]["path"]["path"] == "track-1.csv"
     assert set(alone.files) == {"broadcast.rnx", "track-1.csv"}
-    assert alone.files["broadcast.rnx"] == (there / "plain.rnx").read_bytes()
+    assert alone.files["broadcast.rnx"] == (source / "plain.rnx").read_bytes()
     for name, octets in alone.files.items():
-        (here / name).write_bytes(octets)
-    (here / "scenario.toml").write_text("\n".join(alone.lines()))
-    again = collect_standalone(read_scenario(here / "scenario.toml"))
+        (target / name).write_bytes(octets)
+    (target / "scenario.toml").write_text("\n".join(alone.lines()))
+    again = collect_standalone(read_scenario(target / "scenario.toml"))
     assert again.table == alone.table
     assert again.files == alone.files
 

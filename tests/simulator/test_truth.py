@@ -29,16 +29,16 @@ def scene(scenario: Scenario, navigation: NavigationData) -> Scene:
     """Make two receivers: one stands, one drives in a circle with a restless clock, two antennas, an inertial unit and
     a reflection.
     """
-    one, two = scenario.receivers
-    site = two.model_dump(exclude={"heading_deg", "pitch_deg", "roll_deg", "path", "antennas", "imu", "multipath"})
-    two = type(two)(
+    first, second = scenario.receivers
+    site = second.model_dump(exclude={"heading_deg", "pitch_deg", "roll_deg", "path", "antennas", "imu", "multipath"})
+    second = type(second)(
         **site | {"oscillator": "tcxo"},
         path=Circle(radius_m=40.0, speed_m_s=8.0),
         antennas=(Antenna(name="l"), Antenna(name="r", body_m=(0.0, 1.0, 0.0), line_bias_cyc=0.25)),
         imu=SceneImu(rate_hz=50.0, mounting_deg=(0.0, 0.0, 90.0)),
         multipath=(Multipath(delay_m=20.0, power_db=-12.0),),
     )
-    return make_scene(scenario.model_copy(update={"receivers": (one, two), "duration_s": 12.0}), navigation)
+    return make_scene(scenario.model_copy(update={"receivers": (first, second), "duration_s": 12.0}), navigation)
 
 
 def test_rows_stand_at_whole_tenths_of_the_scene(scene: Scene) -> None:
@@ -200,12 +200,14 @@ def test_false_minus_true_is_the_difference_of_their_rows(scene: Scene) -> None:
     paired = [(row, true[key]) for row in false if (key := (table["sat"][row], table["true_s"][row])) in true]
     alone = set(false.tolist()) - {row for row, _ in paired}
     assert len(paired) > 50
-    for row, own in paired:
-        apart = {name: table[name][row] - table[name][own] for name in ("pseudorange_m", "carrier_cyc", "cn0_dbhz")}
+    for row, row_true in paired:
+        apart = {
+            name: table[name][row] - table[name][row_true] for name in ("pseudorange_m", "carrier_cyc", "cn0_dbhz")
+        }
         assert table["delay_to_authentic_m"][row] == pytest.approx(apart["pseudorange_m"], abs=1e-6)
         assert table["phase_to_authentic_cyc"][row] == pytest.approx(-apart["carrier_cyc"], abs=1e-5)
         assert 20.0 * np.log10(table["amplitude_to_authentic"][row]) == pytest.approx(apart["cn0_dbhz"], abs=1e-9)
-        assert table["doppler_to_authentic_hz"][row] == table["doppler_hz"][row] - table["doppler_hz"][own]
+        assert table["doppler_to_authentic_hz"][row] == table["doppler_hz"][row] - table["doppler_hz"][row_true]
     assert all(np.isnan(table["delay_to_authentic_m"][row]) for row in alone)
 
 

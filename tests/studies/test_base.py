@@ -85,8 +85,8 @@ def test_trials_that_are_given_come_before_quick() -> None:
 
 
 def make_page(*claims: Claim, **changes: Any) -> str:
-    one = make_toy(claims=claims, **changes)
-    return table({one.name: one}, StudySettings(quick=True, seed=5), made_on=date(2026, 1, 2))
+    study = make_toy(claims=claims, **changes)
+    return table({study.name: study}, StudySettings(quick=True, seed=5), made_on=date(2026, 1, 2))
 
 
 def test_the_page_names_version_date_and_seed() -> None:
@@ -100,27 +100,27 @@ def test_agreeing_and_failing_figures_are_told_apart() -> None:
 
 
 def test_an_independent_check_comes_before_the_printed_value() -> None:
-    (one,) = check(make_toy(claims=(make_claim(paper=9.0, reference=0.0),)), list(make_toy().run(StudySettings())))
-    assert one.agrees is True
-    (one,) = check(
+    (checked,) = check(make_toy(claims=(make_claim(paper=9.0, reference=0.0),)), list(make_toy().run(StudySettings())))
+    assert checked.agrees is True
+    (checked,) = check(
         make_toy(claims=(make_claim(paper=0.0, reference="recordings"),)), list(make_toy().run(StudySettings()))
     )
-    assert one.agrees is True
+    assert checked.agrees is True
 
 
 def test_a_better_figure_is_judged_where_there_is_no_same_one() -> None:
-    (one,) = check(make_toy(claims=(make_claim(same=None, better=lambda rows: 0.1),)), [])
-    assert one.agrees is True
-    (one,) = check(make_toy(claims=(make_claim(same=None, better=lambda rows: 0.3),)), [])
-    assert one.agrees is False
+    (checked,) = check(make_toy(claims=(make_claim(same=None, better=lambda rows: 0.1),)), [])
+    assert checked.agrees is True
+    (checked,) = check(make_toy(claims=(make_claim(same=None, better=lambda rows: 0.3),)), [])
+    assert checked.agrees is False
 
 
 def test_a_tolerance_may_depend_on_how_many_were_counted() -> None:
     loose = make_claim(same=lambda rows: 0.3, tolerance=lambda rows: 3.0 / np.sqrt(rows[0]["trials"]))
     for trials, agrees, reported in ((25, True, "| within 0.6 |"), (400, False, "| **not** within 0.15 |")):
-        (one,) = check(make_toy(claims=(loose,)), [{"trials": trials}])
-        assert one.agrees is agrees
-        assert reported[2:-2] == one.cells()[-1]
+        (checked,) = check(make_toy(claims=(loose,)), [{"trials": trials}])
+        assert checked.agrees is agrees
+        assert reported[2:-2] == checked.cells()[-1]
 
 
 def test_a_figure_that_cannot_be_made_has_its_reason() -> None:
@@ -139,8 +139,10 @@ def test_a_figure_that_is_not_found_never_agrees() -> None:
 def test_a_figure_that_protect_does_not_reach_says_so() -> None:
     text = make_page(make_claim(), make_claim(protect=lambda rows: 0.25), make_claim(protect=lambda rows: math.nan))
     assert [text.count(f"| {words} | within") for words in ("not reached", "0.25", "not run")] == [1, 1, 1]
-    (one,) = check(make_toy(claims=(make_claim(tolerance=None, protect=lambda rows: 9.0),)), [{"n": 1, "mean": 0.0}])
-    assert one.agrees is None
+    (checked,) = check(
+        make_toy(claims=(make_claim(tolerance=None, protect=lambda rows: 9.0),)), [{"n": 1, "mean": 0.0}]
+    )
+    assert checked.agrees is None
 
 
 def test_the_page_names_code_that_no_command_reaches() -> None:

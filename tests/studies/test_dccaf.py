@@ -61,8 +61,8 @@ def test_a_wrongly_stated_noise_scales_the_statistic():
     delays = dccaf.delay_dictionary(5e6)
     delay, amplitude = np.full((20, 1), 0.1), np.ones((20, 1), complex)
     taps = dccaf.simulate_taps(delay, amplitude, 0.002, delays, np.random.default_rng(6))
-    one, two = (dccaf.count_statistic(taps, delays, reported)[0] for reported in (0.002, 0.003))
-    np.testing.assert_allclose(one, 1.5 * two, rtol=1e-5)
+    first, second = (dccaf.count_statistic(taps, delays, reported)[0] for reported in (0.002, 0.003))
+    np.testing.assert_allclose(first, 1.5 * second, rtol=1e-5)
 
 
 @pytest.mark.parametrize(

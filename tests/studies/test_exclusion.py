@@ -61,8 +61,8 @@ def test_a_choice_is_wrong_less_often_than_asked():
 def test_two_failing_fixes_are_refused_and_a_lone_pass_taken():
     far = choose_fix(np.zeros(3), np.eye(3), np.array([[50.0, 0, 0], [0, 60.0, 0]]), np.eye(3))
     assert far.chosen == -1
-    one = choose_fix(np.zeros(3), np.eye(3), np.array([[50.0, 0, 0], [0, 1.0, 0], [0, 0, 40.0]]), np.eye(3))
-    assert one.chosen == 1
+    choice = choose_fix(np.zeros(3), np.eye(3), np.array([[50.0, 0, 0], [0, 1.0, 0], [0, 0, 40.0]]), np.eye(3))
+    assert choice.chosen == 1
     assert choose_fix(np.zeros(3), np.eye(3), np.zeros((1, 3)), np.eye(3)).chosen == 0
 
 

@@ -37,11 +37,11 @@ def count_kept(decision, pair, window_s, noise, *, carrier=False, windows=2):
         exact_m = compute_ranges(geometry, pair, window_s)
         shape = windows, *exact_m.shape
         code_m, carrier_m = (exact_m + scale * draw_errors(noise, shape, rng) for scale in (1.0, 0.002))
-        one = decision(code_m, geometry)
+        counted = decision(code_m, geometry)
         if carrier:
-            one = carrier_decision(one, carrier_m)
-        found.append(one.count_kept() if isinstance(one, Groups) else one)
-    return np.mean([one.true for one in found]), np.mean([one.false for one in found])
+            counted = carrier_decision(counted, carrier_m)
+        found.append(counted.count_kept() if isinstance(counted, Groups) else counted)
+    return np.mean([counted.true for counted in found]), np.mean([counted.false for counted in found])
 
 
 def decide_as_paper(code_m, _):
@@ -169,7 +169,7 @@ def test_the_variance_of_means_is_that_of_the_errors():
 @pytest.mark.parametrize("known", [False, True])
 def test_the_bound_is_the_power_of_the_best_test(known):
     names, window_s, rate, variance_m2 = ("rx1", "rx6"), 30, 0.01, 6.0 if known else 1.5
-    rng, given, unknown = np.random.default_rng(4), [], []
+    rng, bounds, unknown = np.random.default_rng(4), [], []
     for geometry in geometries():
         shown_m = geometry.unit_enu(window_s) @ (PLACES["rx6"] - PLACES["rx1"])
         length = np.sqrt(np.sum((shown_m - shown_m.mean()) ** 2) / 2.0 / variance_m2)
@@ -178,14 +178,14 @@ def test_the_bound_is_the_power_of_the_best_test(known):
         if known:  # the two ways round: the first falls by as much as the second rises
             score = (along[:, 0] - beside[:, 0] + length) / np.sqrt(2.0)
             rest = np.sum(along[:, 1:] ** 2, axis=1) / 17.0
-            given.append(np.mean(score > stats.norm.isf(rate)))
+            bounds.append(np.mean(score > stats.norm.isf(rate)))
             unknown.append(np.mean(score / np.sqrt(rest) > stats.t.isf(rate, 17)))
         else:
             square = np.sum(along[:, :3] ** 2, axis=1)
-            given.append(np.mean(square > stats.chi2.isf(rate, 3)))
+            bounds.append(np.mean(square > stats.chi2.isf(rate, 3)))
             unknown.append(np.mean(square / 3.0 / np.mean(along[:, 3:] ** 2, axis=1) > stats.f.isf(rate, 3, 15)))
     bound = bound_decided(names, window_s, variance_m2, rate, known=known)
-    assert bound.noise_given == pytest.approx(np.mean(given), abs=0.003)
+    assert bound.noise_given == pytest.approx(np.mean(bounds), abs=0.003)
     assert bound.noise_unknown == pytest.approx(np.mean(unknown), abs=0.003)
 
 

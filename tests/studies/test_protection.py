@@ -85,8 +85,8 @@ def test_a_label_that_is_false_for_a_second_is_reported(measurements):
         LabelledSignal(ref=ref, label=labels[ref], first_epoch=0, last_epoch=9, because=())
         for ref in (SignalRef(o.receiver, signal) for signal in o.signals)
     ]
-    one = right[3]
-    swapped = replace(one, label="authentic" if one.label == "spoofed" else "spoofed")
+    label = right[3]
+    swapped = replace(label, label="authentic" if label.label == "spoofed" else "spoofed")
     for given, faults in ((right, 0), ([*right[:3], swapped], 1), ([replace(swapped, label="unknown")], 0)):
         outcome = SimpleNamespace(receivers=[receiver], decision=SimpleNamespace(labels=given))
         assert len(list(false_labels(scene, outcome))) == faults
@@ -162,7 +162,7 @@ def test_the_diagram_counts_all_cells_the_matrix_does_not(tmp_path, monkeypatch)
     monkeypatch.setattr(items, "Processes", lambda count: nullcontext(Nobody()))
     assert list(matrix.rows(settings)) == [{"scene": next(iter(load_ready_made()))}] * 2
     found = list(matrix.stanford(settings))
-    assert found == [{**one, "fixes": 14, "fixes_from": 10} for one in bins]
+    assert found == [{**bin_found, "fixes": 14, "fixes_from": 10} for bin_found in bins]
 
 
 class Nobody:
@@ -223,7 +223,7 @@ def test_a_clean_sky_is_drawn_by_seed_and_has_no_attack():
         assert parse_scenario(sky.model_dump(exclude_none=True)) == sky
     moving = [sky.receivers[0].path is not None for sky in skies]
     assert 8 <= sum(moving) <= 32
-    hours = sum(len(one.equipments) * one.scenario.duration_s for one in clean.cells(StudySettings())) / 3600.0
+    hours = sum(len(cell.equipments) * cell.scenario.duration_s for cell in clean.cells(StudySettings())) / 3600.0
     assert hours >= 20.0
 
 

@@ -91,11 +91,11 @@ def _make_recording(waves):
 
         return read
 
-    first, *others = (
+    first, *rest = (
         Samples(name="array", rate_hz=RATE_HZ, n_samples=one.size, read=of(one), antenna=str(number))
         for number, one in enumerate(waves)
     )
-    return replace(first, others=tuple(others))
+    return replace(first, others=tuple(rest))
 
 
 @pytest.mark.parametrize("power", [1e-3, 1.0, 1e4])

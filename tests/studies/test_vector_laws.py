@@ -201,9 +201,9 @@ def test_a_satellite_without_an_equilibrium_loses_lock():
     lost = [prn for prn, phase in zip(PRNS, settled.phase_rad, strict=True) if np.isnan(phase)]
     assert lost == [2, 28]
     # 0.4 chip and 200 Hz: below 30.12 dB-Hz
-    for cn0_dbhz, there in ((30.10, False), (30.14, True)):
+    for cn0_dbhz, exists in ((30.10, False), (30.14, True)):
         phase_rad = rules.equilibrium(SKY, attack_on(2, size=0.4), attack_on(2, size=200.0), cn0_dbhz).phase_rad
-        assert np.all(np.isfinite(phase_rad)) == there
+        assert np.all(np.isfinite(phase_rad)) == exists
 
 
 def test_closed_loops_settle_at_the_equilibrium():
@@ -235,8 +235,8 @@ def test_false_alarms_of_a_satellite_chosen_beforehand(cn0_dbhz, sums, code, pha
 
 
 def test_only_the_product_of_power_and_sums_matters():
-    one, other = (rules.detection_probability(laws.prompt_amplitude(c, k)) for c, k in ((50, 1), (40, 10)))
-    assert one == pytest.approx(other, rel=1e-12)
+    first, other = (rules.detection_probability(laws.prompt_amplitude(c, k)) for c, k in ((50, 1), (40, 10)))
+    assert first == pytest.approx(other, rel=1e-12)
 
 
 @pytest.mark.parametrize(("cn0_dbhz", "sums", "golden"), [(40, 1, 0.9107), (45, 1, 0.9546), (40, 10, 0.9951)])

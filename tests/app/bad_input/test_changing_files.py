@@ -44,7 +44,7 @@ def test_a_recording_cut_while_read_counts_as_far_as_it_was_read(run_meddled, pa
     assert {signal.receiver for signal in ended.verdict.signals} == {"bow", "stern"}
     assert [r.duration_s for r in ended.verdict.receivers] == [8.0, 6.5]
     assert ended.verdict.verdict == "no_attack_seen"
-    assert [bool(given.cut) for given in ended.verdict.inputs[:2]] == [False, True]
+    assert [bool(item.cut) for item in ended.verdict.inputs[:2]] == [False, True]
     assert "Cut: " in ended.stdout
     words = r" 6\.5 s .*stern\.bin .*\b4500000 bytes, .*\b5200000\b"
     assert re.search(words, ended.remarks(1))
@@ -66,7 +66,7 @@ def test_inputs_deleted_while_they_are_read_cost_nothing(run_meddled, pair):
     assert {signal.receiver for signal in ended.verdict.signals} == {"bow", "stern"}
     read = (*pair.paths, *(path.with_suffix(".toml") for path in pair.paths), pair.nav)
     sums = [hashlib.sha256(path.read_bytes()).hexdigest() for path in read]
-    assert [one.sha256 for one in ended.verdict.inputs] == sums
+    assert [item.sha256 for item in ended.verdict.inputs] == sums
     assert "replaced" in ended.remarks(1)
 
 
@@ -77,7 +77,7 @@ def test_a_recording_that_grows_while_read_is_not_authentic(run_meddled):
 
     ended = run_meddled(append)
     assert ended.verdict.verdict == "no_attack_seen"
-    assert [bool(given.cut) for given in ended.verdict.inputs[:2]] == [False, True]
+    assert [bool(item.cut) for item in ended.verdict.inputs[:2]] == [False, True]
     assert re.search(r"\bgrown\b.*\b4 bytes", ended.remarks(1))
 
 

@@ -311,8 +311,8 @@ def test_after_a_long_gap_the_stated_attitude_takes_over(tmp_path):
     alone, _ = carry_through(make_body(make_platform(imu=unit)), [0.0, 10.0, 20.0], HOME)
     assert alone[0].gpst[-1] == shift_time(8.0)
     assert alone[1] is None
-    both, _ = carry_through(make_body(make_platform(imu=unit, attitude=state_attitude())), [0.0, 10.0, 20.0], HOME)
-    assert measure_error_rad(both[1], make_attitude()) < 1e-9
+    stated, _ = carry_through(make_body(make_platform(imu=unit, attitude=state_attitude())), [0.0, 10.0, 20.0], HOME)
+    assert measure_error_rad(stated[1], make_attitude()) < 1e-9
 
 
 def test_a_unit_of_other_axes_gives_the_same_states(tmp_path):

@@ -66,8 +66,8 @@ def test_where_all_is_kept_nothing_is_run_or_reported(monkeypatch, processes):
 
 def test_only_jobs_with_missing_kernels_run_with_progress(monkeypatch, processes):
     asked, compiles = processes
-    first, second, *others = names = drop_kernels(monkeypatch, "receiver")
-    compiles += [first, "skyproof.of_no_job", second, second, *others]
+    first, second, *rest = names = drop_kernels(monkeypatch, "receiver")
+    compiles += [first, "skyproof.of_no_job", second, second, *rest]
     progress = Watched()
     make_ready(RECEIVING, progress)
     assert asked == ["receiver"]

@@ -72,14 +72,14 @@ def read(folder: Path, text: str) -> Platform:
 
 def test_every_key_is_read(tmp_path: Path) -> None:
     platform = read(tmp_path, WHOLE)
-    one, two = platform.receivers
+    first, second = platform.receivers
     assert (platform.motion, platform.speed_max_m_s, platform.oscillator) == ("static", 40.0, "tcxo")
-    assert (one.name, two.name) == ("rx1", "rx2")
-    assert one.position == Surveyed(lat_deg=57.7, lon_deg=11.94, height_m=50.0, sigma_m=0.05)
-    assert (one.antenna_sigma_m, one.line_bias_cyc) == (0.003, (0.0, 0.25, -0.125))
-    np.testing.assert_array_equal(one.antennas_body_m, [[0, 0, 0], [0.19, 0, 0], [0.095, -0.165, 0]])
-    np.testing.assert_array_equal(two.antennas_body_m, [[0, 3, 0]])
-    assert two.spin == PlatformSpin(radius_m=0.0951, rate_hz=0.25, rate_sigma_hz=0.001)
+    assert (first.name, second.name) == ("rx1", "rx2")
+    assert first.position == Surveyed(lat_deg=57.7, lon_deg=11.94, height_m=50.0, sigma_m=0.05)
+    assert (first.antenna_sigma_m, first.line_bias_cyc) == (0.003, (0.0, 0.25, -0.125))
+    np.testing.assert_array_equal(first.antennas_body_m, [[0, 0, 0], [0.19, 0, 0], [0.095, -0.165, 0]])
+    np.testing.assert_array_equal(second.antennas_body_m, [[0, 3, 0]])
+    assert second.spin == PlatformSpin(radius_m=0.0951, rate_hz=0.25, rate_sigma_hz=0.001)
     assert platform.attitude == StatedAttitude(heading_deg=35.0, pitch_deg=2.0, roll_deg=-1.0, sigma_deg=0.2)
     assert platform.imu is not None
     assert platform.imu.start_gpst == np.datetime64("2022-01-01T10:29:58.5", "ns")

@@ -217,7 +217,7 @@ PAIR_M = [[0, 0, 0], [0.2, 0, 0]]
     ],
 )
 def test_antennas_of_a_receiver_are_opened_as_one(receivers: Any, given: list[str], inputs: Any, called: Any) -> None:
-    wanted = [tuple(map(Path, one)) if isinstance(one, tuple) else Path(one) for one in inputs]
+    wanted = [tuple(map(Path, paths)) if isinstance(paths, tuple) else Path(paths) for paths in inputs]
     assert select_inputs(Platform.model_validate({"receivers": receivers}), given) == (wanted, called)
 
 
@@ -248,10 +248,10 @@ def test_a_table_of_no_receiver_of_the_run_is_refused(receivers: Any, words: str
 @given(st.floats(-89.0, 89.0), st.floats(-180.0, 180.0), st.lists(st.floats(-3e4, 3e4), min_size=3, max_size=3))
 def test_positions_anywhere_give_back_the_baseline(lat_deg: float, lon_deg: float, enu_m: list[float]) -> None:
     first = {"lat_deg": lat_deg, "lon_deg": lon_deg, "height_m": 4e4, "sigma_m": 1.0}
-    one = Platform.model_validate({"receivers": [{"position": first}]}).receivers[0].position
-    assert one is not None
-    there = one.ecef_m + rot_enu_ecef(np.radians(lat_deg), np.radians(lon_deg)).T @ enu_m
-    lat, lon, height_m = geodetic_from_ecef(there)
+    place = Platform.model_validate({"receivers": [{"position": first}]}).receivers[0].position
+    assert place is not None
+    moved_m = place.ecef_m + rot_enu_ecef(np.radians(lat_deg), np.radians(lon_deg)).T @ enu_m
+    lat, lon, height_m = geodetic_from_ecef(moved_m)
     second = {"lat_deg": float(np.degrees(lat)), "lon_deg": float(np.degrees(lon)), "height_m": float(height_m)}
     receivers = [{"name": "a", "position": first}, {"name": "b", "position": second | {"sigma_m": 1.0}}]
     settings, _ = find_unused(names=["a", "b"], receivers=receivers)

@@ -111,18 +111,18 @@ def draw_epochs(receiver, rng):
 
 
 def test_windows_come_before_the_end():
-    one = MeasuredScene(epochs=47, antennas_enu_m={"rx1": PLACES["rx1"]}).records(np.random.default_rng(4))
-    before, steps = feed_session(one, [1])
+    records = MeasuredScene(epochs=47, antennas_enu_m={"rx1": PLACES["rx1"]}).records(np.random.default_rng(4))
+    before, steps = feed_session(records, [1])
     assert (len(before), len(steps)) == (4, 5)
 
 
 def test_the_first_window_comes_half_a_window_after_its_end():
-    one = MeasuredScene(epochs=47, antennas_enu_m={"rx1": PLACES["rx1"]}).records(np.random.default_rng(4))
+    records = MeasuredScene(epochs=47, antennas_enu_m={"rx1": PLACES["rx1"]}).records(np.random.default_rng(4))
     source = FedSource("rx1")
-    session = open_session([source], one.navigation, Settings())
+    session = open_session([source], records.navigation, Settings())
     seen = []
     for row in range(20):
-        source.feed(one.observations[0].read(row, row + 1))
+        source.feed(records.observations[0].read(row, row + 1))
         seen.append(len(list(session.steps())))
     assert seen.index(1) == 15
 
@@ -141,19 +141,19 @@ def test_signals_that_come_later_change_no_window_before(scene):
 
 
 def test_a_break_of_time_cuts_what_is_fed_as_it_cuts_the_whole():
-    one = MeasuredScene(epochs=47, antennas_enu_m={"rx1": PLACES["rx1"]}).records(np.random.default_rng(4))
-    (o,) = one.observations
+    records = MeasuredScene(epochs=47, antennas_enu_m={"rx1": PLACES["rx1"]}).records(np.random.default_rng(4))
+    (o,) = records.observations
     later = np.arange(47) >= 23
-    broken = replace(one, observations=(replace(o, pseudorange_m=o.pseudorange_m - 99e3 * later[:, None]),))
-    whole = open_session([WholeSource(broken.observations[0])], one.navigation, Settings(), STANDS)
+    broken = replace(records, observations=(replace(o, pseudorange_m=o.pseudorange_m - 99e3 * later[:, None]),))
+    whole = open_session([WholeSource(broken.observations[0])], records.navigation, Settings(), STANDS)
     steps = [summarize_step(step) for step in whole.steps()]
     assert any(start == o.gpst[23] - np.timedelta64(500, "ms") for start, *_ in steps)
     assert [summarize_step(step) for step in feed_session(broken, [1])[1]] == steps
 
 
 def test_what_is_remembered_stops_growing():
-    one = MeasuredScene(epochs=420, antennas_enu_m={"rx1": PLACES["rx1"]}).records(np.random.default_rng(4))
-    session = open_session([WholeSource(one.observations[0])], one.navigation, Settings())
+    records = MeasuredScene(epochs=420, antennas_enu_m={"rx1": PLACES["rx1"]}).records(np.random.default_rng(4))
+    session = open_session([WholeSource(records.observations[0])], records.navigation, Settings())
     sizes = [len(pickle.dumps((session._states, session._deciding))) for _ in session.steps()]
     assert max(sizes[25:]) <= 1.01 * sizes[24]
 
@@ -166,11 +166,11 @@ def test_nothing_is_fed_after_the_end(scene):
 
 
 def test_a_short_window_has_its_share_of_the_false_alarms():
-    one = MeasuredScene(epochs=40, antennas_enu_m={"rx1": PLACES["rx1"]}).records(np.random.default_rng(1))
-    (o,) = one.observations
+    records = MeasuredScene(epochs=40, antennas_enu_m={"rx1": PLACES["rx1"]}).records(np.random.default_rng(1))
+    (o,) = records.observations
     later = np.arange(40) >= 4
     broken = replace(o, pseudorange_m=o.pseudorange_m - np.where(later, 99_000.0, 0.0)[:, None])
-    session = open_session([WholeSource(broken)], one.navigation, Settings())
+    session = open_session([WholeSource(broken)], records.navigation, Settings())
     alphas = [
         {e.detector: e.alpha for e in step.findings if e.alpha is not None}.get("residual") for step in session.steps()
     ]
@@ -179,7 +179,7 @@ def test_a_short_window_has_its_share_of_the_false_alarms():
 
 
 def test_the_sets_of_every_window_are_kept_however_long_the_run():
-    one = ConsistentSet(
+    found_set = ConsistentSet(
         receiver="rx1",
         signals=(SignalId("G05"),),
         gpst=START,
@@ -191,7 +191,8 @@ def test_the_sets_of_every_window_are_kept_however_long_the_run():
         p_value=1.0,
     )
     windows = [
-        Records(start_gpst=START, end_gpst=START, sets=(replace(one, clock_bias_s=number),)) for number in range(700)
+        Records(start_gpst=START, end_gpst=START, sets=(replace(found_set, clock_bias_s=number),))
+        for number in range(700)
     ]
     _, sets, _ = examine_all(Session(Cut(windows), []), Silent())
     assert [s.clock_bias_s for s in sets] == list(range(700))

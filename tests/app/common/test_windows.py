@@ -117,8 +117,8 @@ def test_each_correlator_snapshot_is_in_exactly_one_window():
     windows = windows_of([WholeSource(observations)], NavigationData(ephemerides=()), Settings(window_s=12.0), [taps])
     seen = []
     for records in windows:
-        (part,), (own,) = records.taps, records.observations
-        epochs = np.flatnonzero(np.isin(observations.gpst, own.gpst))
+        (part,), (observed,) = records.taps, records.observations
+        epochs = np.flatnonzero(np.isin(observations.gpst, observed.gpst))
         assert part.value[:, 0, 0, 0].real.tolist() == np.repeat(epochs, 10).tolist()
         seen += part.elapsed_s.tolist()
     assert seen == elapsed_s.tolist()
@@ -128,7 +128,9 @@ def test_correlators_are_those_that_detectors_ask_for():
     together = asked()
     for need, kind in ((Need.TAPS, "taps"), (Need.CCAF, "ccaf")):
         wanting = [detector for detector in load_detectors().values() if need in detector().needs]
-        stated = [own for item in wanting if (own := getattr(getattr(item, "asks", None), kind, None)) is not None]
+        stated = [
+            request for item in wanting if (request := getattr(getattr(item, "asks", None), kind, None)) is not None
+        ]
         assert len(stated) <= 1
         assert getattr(together, kind) == (stated[0] if stated else None)
     assert together.taps is not None
@@ -162,9 +164,9 @@ def test_a_window_ends_where_a_receivers_time_breaks():
 
 @pytest.mark.parametrize(("more", "windows"), [(0, 6), (1, 6), (2, 7)])
 def test_one_epoch_of_one_receiver_alone_makes_no_window(more, windows):
-    both = (make_epochs(30.0, 30), replace(make_epochs(30.0, 30 + more), receiver="rx2"))
-    settings = widen_windows(Settings(), both)
-    made = list(windows_of([WholeSource(o) for o in both], NavigationData(ephemerides=()), settings))
+    receivers = (make_epochs(30.0, 30), replace(make_epochs(30.0, 30 + more), receiver="rx2"))
+    settings = widen_windows(Settings(), receivers)
+    made = list(windows_of([WholeSource(o) for o in receivers], NavigationData(ephemerides=()), settings))
     assert len(made) == windows
     assert all(records.observations for records in made)
 

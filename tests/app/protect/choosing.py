@@ -47,7 +47,7 @@ def make_takeover(
     **receiver: object,
 ) -> Scene:
     """Make a receiver whose signals are taken over at the onset, aligned, and dragged off 3 s later."""
-    own = PLACES[0].model_dump(exclude_unset=True) | {"lo_ppm": 0.4, "oscillator": oscillator} | receiver
+    antenna = PLACES[0].model_dump(exclude_unset=True) | {"lo_ppm": 0.4, "oscillator": oscillator} | receiver
     begin_s, long_s = onset_s + 3.0, duration_s - onset_s - 3.0
     far_m, late_s = speed_m_s * long_s, clock_m_s / WAVE_M_S * long_s
     east, north = np.sin(np.radians(heading_deg)), np.cos(np.radians(heading_deg))
@@ -64,7 +64,7 @@ def make_takeover(
         seed=seed,
         start_gpst=START,
         duration_s=duration_s,
-        receivers=(SceneReceiver(**own),),
+        receivers=(SceneReceiver(**antenna),),
         attacks=(attack,),
         front_end=FrontEnd(),
         sky=Sky(zenith_cn0_dbhz=zenith_cn0_dbhz, horizon_cn0_dbhz=zenith_cn0_dbhz - 8.0),

@@ -49,11 +49,11 @@ CASES = {"as stated": {}, "rate wrong by 1 %": {"rate_hz": -0.2475, "rate_sigma_
 @pytest.mark.long
 @pytest.mark.parametrize("stated", CASES.values(), ids=CASES.keys())
 def test_rinex_ten_times_a_second_says_what_samples_say(measurements, tmp_path, stated):
-    result, said, false = judge_signals(measurements, tmp_path, **stated)
+    result, labels, false = judge_signals(measurements, tmp_path, **stated)
     assert false == {"G01", "G02"}
     assert result.verdict.verdict == "spoofed"
-    assert {sat for sat, label in said.items() if label == "spoofed"} == false
-    assert {said[sat] for sat in said if sat not in false} == {"authentic"}
+    assert {sat for sat, label in labels.items() if label == "spoofed"} == false
+    assert {labels[sat] for sat in labels if sat not in false} == {"authentic"}
     seen = [item for source in result.verdict.sources for item in source.directions]
     level = np.cos(np.radians(FROM_DEG[1]))
     off_deg = [
@@ -71,7 +71,7 @@ def test_rinex_ten_times_a_second_says_what_samples_say(measurements, tmp_path, 
 @pytest.mark.long
 @pytest.mark.parametrize("stated", CASES.values(), ids=CASES.keys())
 def test_no_true_signal_of_the_arm_is_called_false(measurements, tmp_path, stated):
-    result, said, false = judge_signals(measurements, tmp_path, attacked=False, **stated)
+    result, labels, false = judge_signals(measurements, tmp_path, attacked=False, **stated)
     assert not false
     assert result.verdict.verdict != "spoofed"
-    assert "spoofed" not in said.values()
+    assert "spoofed" not in labels.values()

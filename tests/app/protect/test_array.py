@@ -44,14 +44,14 @@ def make_spoofer(**given):
 @pytest.mark.long
 def test_a_clean_sky_comes_from_several_directions(array_files, tmp_path):
     result = protect(platform=write_platform(tmp_path, [array_files.sigmf]), nav=array_files.nav)
-    (said,) = list_evidence(result, "array_common")
-    assert (said.says, {ref.receiver for ref in said.signals}) == ("authentic", {"array"})
-    assert len(said.signals) > 7
-    assert explain(said).assumptions[0] in result.verdict.assumed
-    (said,) = list_evidence(result, "ins_array")  # by the attitude and the lines that the sky itself shows
-    assert (said.says, {ref.receiver for ref in said.signals}) == ("authentic", {"array"})
-    assert len(said.signals) > 7
-    assert explain(said).assumptions[0] in result.verdict.assumed
+    (finding,) = list_evidence(result, "array_common")
+    assert (finding.says, {ref.receiver for ref in finding.signals}) == ("authentic", {"array"})
+    assert len(finding.signals) > 7
+    assert explain(finding).assumptions[0] in result.verdict.assumed
+    (finding,) = list_evidence(result, "ins_array")  # by the attitude and the lines that the sky itself shows
+    assert (finding.says, {ref.receiver for ref in finding.signals}) == ("authentic", {"array"})
+    assert len(finding.signals) > 7
+    assert explain(finding).assumptions[0] in result.verdict.assumed
     assert not any(signal.label == "spoofed" for signal in result.verdict.signals)
 
 
@@ -88,9 +88,9 @@ def test_an_antenna_that_fails_is_left_out_and_reported(array_files, tmp_path, f
     result = protect(platform=write_platform(tmp_path, [tmp_path / "woven.bin"]), nav=array_files.nav)
     labels = {signal.label for signal in result.verdict.signals}
     assert "spoofed" not in labels
-    (said,) = list_evidence(result, "array_common")
-    assert said.says == "authentic"
-    assert len(said.signals) > 7
+    (finding,) = list_evidence(result, "array_common")
+    assert finding.says == "authentic"
+    assert len(finding.signals) > 7
     left_out = [(e.code, *e.data["antennas"]) for e in result.outcome.evidence if "antennas" in e.data]
     assert set(left_out) == ({(how, "2")} if how is not None else set())
     late = f" {LATE_SAMPLES} samples of "
@@ -150,8 +150,8 @@ def test_false_signals_of_one_transmitter_are_equal_within_noise(tmp_path):
             sigma_cyc=phases.sigma_cyc[rows],
         )
         mean = mean_differences(part)
-        there = mean.epochs == 5
-        statistic, *_ = equal_statistic(mean.cycles[there], white_covariance(mean.sigma_cyc[there]), wrapped=True)
-        p_values.append(stats.chi2.sf(float(statistic), 3 * (int(there.sum()) - 1)))
+        measured = mean.epochs == 5
+        statistic, *_ = equal_statistic(mean.cycles[measured], white_covariance(mean.sigma_cyc[measured]), wrapped=True)
+        p_values.append(stats.chi2.sf(float(statistic), 3 * (int(measured.sum()) - 1)))
     assert len(p_values) > 30
     assert stats.kstest(p_values, "uniform").pvalue > 1e-3

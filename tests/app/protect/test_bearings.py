@@ -41,16 +41,16 @@ def make_track(speed_m_s, seconds=200):
 
 def examine_track(track, rng, *, several=False):
     """Examine a track in windows of ten seconds."""
-    said = []
+    directions = []
     for first in range(0, track.gpst.size, 10):
         east, north, up = TURN @ (TARGET_M - track.position_ecef_m[min(first + 5, track.gpst.size - 1)])
-        one = Direction(
+        direction = Direction(
             azimuth_rad=float(np.arctan2(east, north) + SIGMA_RAD * rng.standard_normal()) % (2.0 * np.pi),
             elevation_rad=float(np.arctan2(up, np.hypot(east, north)) + SIGMA_RAD * rng.standard_normal()),
             covariance_rad2=SIGMA_RAD**2 * np.eye(2),
             frame="enu",
         )
-        said.append(
+        directions.append(
             finding_from_evidence(
                 Evidence(
                     detector="ins_array",
@@ -60,11 +60,11 @@ def examine_track(track, rng, *, several=False):
                     says="spoofed",
                     because="signals of 3 satellites come to array from one direction",
                     p_value=1e-9,
-                    directions=(one, one) if several else (one,),
+                    directions=(direction, direction) if several else (direction,),
                 )
             )
         )
-    return said
+    return directions
 
 
 def test_rays_of_a_receiver_that_moves_meet_at_the_transmitter():

@@ -71,7 +71,7 @@ WRONG = {
 def record_scene(name, folder, stated=None, **attack):
     """Record a scene that is described in full. attack : changes the scene. stated : changes its description."""
     scenario = read_ready_made(name)
-    attacks = tuple(one.model_copy(update=attack) for one in scenario.attacks)
+    attacks = tuple(part.model_copy(update=attack) for part in scenario.attacks)
     found = equip(scenario.model_copy(update={**CHANGES, "attacks": attacks}), "everything")
     scene = make_scene(found.scenario, make_navigation(found.scenario))
     return scene, write_platform(scene, found if stated is None else stated(found), folder)
@@ -89,8 +89,8 @@ def test_what_is_not_as_stated_is_told_and_makes_no_wrong_word(name, stated, fil
     assert result.verdict.verdict != ("spoofed" if name == "clean" else "authentic")
     told_of = [*(explain(evidence).sentence for evidence in result.outcome.evidence if evidence.says == "undecided")]
     told_of += [remark for note in result.verdict.inputs for remark in note.all_remarks]
-    said = result.verdict.summary + " ".join(told_of)
-    assert told in said
+    text = result.verdict.summary + " ".join(told_of)
+    assert told in text
 
 
 def test_one_transmitter_alone_does_not_show_where_antennas_are(tmp_path):

@@ -94,7 +94,7 @@ def add_false_signals(observations, false, sats):
 @pytest.mark.parametrize("count", [1, 3, 6, None])
 @pytest.mark.parametrize("name", FILES)
 def test_copies_of_one_antenna_are_named_and_nothing_else_is(shared_data, name, count):
-    folder, files, nav, given, duration_s = FILES[name]
+    folder, files, nav, options, duration_s = FILES[name]
     path, rng, place_ecef_m = shared_data / "real" / folder, np.random.default_rng(0), np.array(PLACES_ECEF_M[name])
     navigation = read_nav(path / nav)
     opened = (open_observations(path / f, get_glonass_channels(navigation), duration_s=duration_s) for f in files)
@@ -106,19 +106,19 @@ def test_copies_of_one_antenna_are_named_and_nothing_else_is(shared_data, name, 
     whole = [
         {
             s.sat
-            for s, there in zip(o.signals, np.isfinite(o.pseudorange_m).mean(axis=0) > 0.9, strict=True)
-            if there and s.kind == KIND
+            for s, present in zip(o.signals, np.isfinite(o.pseudorange_m).mean(axis=0) > 0.9, strict=True)
+            if present and s.kind == KIND
         }
         for o in (base, rover)
     ]
     sats = sorted(whole[0] & whole[1])[:count]
     sky = make_false_sky(base, navigation, place_ecef_m)
-    both = (
+    copies = (
         add_false_signals(base, sky, sats),
         add_false_signals(rover, capture_receiver(rover, sky, 0, rng=rng), sats),
     )
-    settings = widen_windows(Settings(**given), both)
-    windows = windows_of([WholeSource(o) for o in both], navigation, settings)
+    settings = widen_windows(Settings(**options), copies)
+    windows = windows_of([WholeSource(o) for o in copies], navigation, settings)
     (detector,) = (d for d in instantiate_detectors(settings, windows.run) if d.name == "multi_receiver")
     state, spoofed = None, []
     for records in windows:
@@ -131,5 +131,5 @@ def test_copies_of_one_antenna_are_named_and_nothing_else_is(shared_data, name, 
     if (name, count) not in NAMED:
         assert not any(named)  # so many, so late, are what echoes may be
     else:
-        assert named[0] == {(o.receiver, sat, "b") for o in both for sat in sats}
+        assert named[0] == {(o.receiver, sat, "b") for o in copies for sat in sats}
         assert all(refs <= named[0] for refs in named)

@@ -116,12 +116,12 @@ def test_changed_copies_are_found_and_other_antennas_are_none():
 def test_receivers_of_any_clock_and_rate_on_one_antenna_are_one():
     pair = Pair(FrontEnd(encoding="float", bits=32))
     antenna = (pair.planes[0][0] + 1j * pair.planes[0][1]).astype(np.complex64)
-    own = np.float32(np.sqrt(0.1))
-    original = pair.receive(np.sign(quantize_planes(antenna + own * pair.noise(antenna.size))), name="original")
+    scale = np.float32(np.sqrt(0.1))
+    original = pair.receive(np.sign(quantize_planes(antenna + scale * pair.noise(antenna.size))), name="original")
     slow = record_slow_clock(antenna, 0.7e-6, 2.6e6)
     fast = record_slow_clock(filters.resample_poly(antenna, 20, 13).astype(np.complex64), -0.9e-6, 4e6)
     for wave, rate_hz in ((slow, 2.6e6), (fast, 4e6)):
-        second = pair.receive(quantize_planes(wave + own * pair.noise(wave.size)), rate_hz=rate_hz)
+        second = pair.receive(quantize_planes(wave + scale * pair.noise(wave.size)), rate_hz=rate_hz)
         assert pair.judge(original, second) == ["spoofed", "no_attack_seen"]
 
 

@@ -24,8 +24,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("imu")
     scenario = make_scenario(receivers=1, duration_s=31.0)
     navigation = make_nominal_constellation(scenario.start_gpst)
-    (one,), _ = simulate_observations(scenario, navigation, rng=np.random.default_rng(3), noise=NoiseModel(sigma_m=0.5))
-    write_obs(folder / "bow.obs", one, signals=one.signals, holds="simulated", marker="bow", version="test")
+    (observed,), _ = simulate_observations(
+        scenario, navigation, rng=np.random.default_rng(3), noise=NoiseModel(sigma_m=0.5)
+    )
+    write_obs(folder / "bow.obs", observed, signals=observed.signals, holds="simulated", marker="bow", version="test")
     write_nav(folder / "brdc.rnx", navigation)
     still = np.tile([0.0, 0.0, -9.81, 0.0, 0.0, 0.0], (3500, 1))
     write_table(folder / "imu.csv", {"time_s": np.arange(1, 3501) * 0.01, **dict(zip(COLUMNS, still.T, strict=True))})

@@ -81,6 +81,6 @@ def test_files_and_terminal_show_both(result, capsys) -> None:
     assert "rover receiver" in (result.folder / "tracks.kml").read_text(encoding="utf-8")
     assert "receiver" in {line.split(",")[2] for line in (result.folder / "fixes.csv").read_text().splitlines()}
     print_result(result, as_json=False)
-    shown = " ".join(capsys.readouterr().out.split())
-    assert "Interference: since" in shown
-    assert "jamming critical" in shown
+    screen = " ".join(capsys.readouterr().out.split())
+    assert "Interference: since" in screen
+    assert "jamming critical" in screen

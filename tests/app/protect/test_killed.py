@@ -25,9 +25,9 @@ def recording(tmp_path_factory):
 
 
 def start_run(recorded, out: Path, *options: str) -> subprocess.Popen:
-    given = [*map(str, recorded.paths), "--nav", str(recorded.nav), "--out", str(out), *options]
+    arguments = [*map(str, recorded.paths), "--nav", str(recorded.nav), "--out", str(out), *options]
     return subprocess.Popen(
-        [sys.executable, "-c", COMMAND, "protect", *given], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [sys.executable, "-c", COMMAND, "protect", *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
 
 
@@ -41,12 +41,12 @@ def read(left: Path) -> tuple[int, int]:
             assert len(lengths) <= 1
             rows += sum(lengths) if path.parent.name == "measured" else 0
     lines = left / "evidence.jsonl"
-    said = [json.loads(line) for line in lines.read_text().splitlines()] if lines.exists() else []
-    assert all(item["detector"] and item["because"] for item in said)
+    evidence = [json.loads(line) for line in lines.read_text().splitlines()] if lines.exists() else []
+    assert all(item["detector"] and item["because"] for item in evidence)
     words = left / "words.jsonl"
     decided = [json.loads(line) for line in words.read_text().splitlines()] if words.exists() else []
     assert all(item["word"] in WORDS and item["run"] in WORDS for item in decided)
-    return rows, len(said)
+    return rows, len(evidence)
 
 
 @pytest.mark.long

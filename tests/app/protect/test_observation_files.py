@@ -93,7 +93,7 @@ def test_what_comes_after_a_cut_keeps_a_clean_sky_from_authentic(measurements, t
     duration_s = 45.0 if how == "behind" else None
     verdict = protect(paths, nav=tmp_path / "nav.rnx", duration_s=duration_s, **SETTINGS).verdict
     assert verdict.verdict == ("authentic" if how == "behind" else "no_attack_seen")
-    assert [bool(given.cut) for given in verdict.inputs] == [False, how != "behind", False]
+    assert [bool(item.cut) for item in verdict.inputs] == [False, how != "behind", False]
     if how != "behind":
         assert verdict.reason == f"{paths[1]}: {verdict.inputs[1].cut[0]}"
         assert dict(verdict.explained)["Cut:"].startswith(verdict.reason)

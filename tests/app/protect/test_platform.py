@@ -62,8 +62,8 @@ def test_signals_that_agree_on_another_place_are_not_authentic(folder: Path) -> 
 
 def test_inputs_of_the_command_line_are_described_by_name(folder: Path) -> None:
     path = write_platform(folder, inputs=False)
-    both = [folder / "two.obs", folder / "one.obs"]
-    result = protect(both, platform=path, nav=folder / "brdc.rnx")
+    files = [folder / "two.obs", folder / "one.obs"]
+    result = protect(files, platform=path, nav=folder / "brdc.rnx")
     assert [r.name for r in result.verdict.receivers] == ["two", "one"]
     np.testing.assert_allclose(
         np.subtract(*(result.verdict.settings["antennas_enu_m"][name] for name in ("two", "one"))),

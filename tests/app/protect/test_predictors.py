@@ -56,16 +56,16 @@ def test_nothing_is_predicted_for_a_receiver_without_statements():
     ],
 )
 def test_what_says_most_is_taken_and_stands_in_the_words(tables, by):
-    (one,) = make_predictors(**tables).values()
-    assert one.by == by
-    assert isinstance(one, Inertial if "inertial_unit" in by else Standing)
-    assert len(one.assumes) == len(by)
+    (predictor,) = make_predictors(**tables).values()
+    assert predictor.by == by
+    assert isinstance(predictor, Inertial if "inertial_unit" in by else Standing)
+    assert len(predictor.assumes) == len(by)
 
 
 def test_a_surveyed_place_is_expected_from_the_first_moment_on():
-    (one,) = make_predictors(receivers=[{"position": PLACE}]).values()
+    (predictor,) = make_predictors(receivers=[{"position": PLACE}]).values()
     place = ecef_from_geodetic(np.radians(PLACE["lat_deg"]), np.radians(PLACE["lon_deg"]), 52.0)
-    expected = one.at(START)
+    expected = predictor.at(START)
     assert expected.mean[:3] == pytest.approx(place)
     assert expected.covariance[:3, :3] == pytest.approx(0.25 * np.eye(3))
 

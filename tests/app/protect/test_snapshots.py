@@ -31,8 +31,8 @@ def snapshots(made_once):
             inputs = {"inputs": [path.name for path in recorded.paths]}
             (folder / name / "platform.toml").write_text(tomli_w.dumps({"receivers": [table | inputs]}))
             # The same in one file of NumPy.
-            (first, *others) = [open_recording(path)[0] for path in recorded.paths]
-            planes = np.stack([item.read(0, first.n_samples)[0] for item in (first, *others)]).astype(np.int8)
+            (first, *rest) = [open_recording(path)[0] for path in recorded.paths]
+            planes = np.stack([item.read(0, first.n_samples)[0] for item in (first, *rest)]).astype(np.int8)
             np.save(folder / name / "whole.npy", planes)
             stated = f'rate_hz = 4092000.0\nif_hz = 1023000.0\nstart_gpst = "{first.start_gpst}"\n'
             (folder / name / "whole.toml").write_text(f"[samples]\n{stated}")

@@ -26,11 +26,11 @@ def judge_scene(folder, **changes):
 
 @pytest.mark.long
 def test_the_false_satellite_is_named_and_no_true_one(tmp_path):
-    result, said = judge_scene(tmp_path)
-    assert said
-    assert all(item.failed and item.data["suspects"] == ("G02 L1 CA a",) for item in said)
+    result, labels = judge_scene(tmp_path)
+    assert labels
+    assert all(item.failed and item.data["suspects"] == ("G02 L1 CA a",) for item in labels)
     (method,) = [item for item in result.verdict.methods if item.detector == "vector_sqm"]
-    assert (method.decision, method.p_value) == ("failed", min(item.p_value for item in said))
+    assert (method.decision, method.p_value) == ("failed", min(item.p_value for item in labels))
     assert result.verdict.verdict == "suspect"
     assert all(signal.label not in ("spoofed", "authentic") for signal in result.verdict.signals)
 
@@ -39,9 +39,9 @@ def test_the_false_satellite_is_named_and_no_true_one(tmp_path):
 def test_a_clean_sky_of_the_same_satellites_fits(tmp_path):
     scene = scenes.read_ready_made("vector-one-spoofer")
     sky = scene.sky.model_copy(update={"sats": tuple(item.sat for item in scene.sky.directions)})
-    _, said = judge_scene(tmp_path, attacks=(), sky=sky)
-    assert [item.says for item in said] == ["clean"] * len(said)
-    assert said
+    _, labels = judge_scene(tmp_path, attacks=(), sky=sky)
+    assert [item.says for item in labels] == ["clean"] * len(labels)
+    assert labels
 
 
 @pytest.mark.long

@@ -126,9 +126,9 @@ def test_epoch_times_that_do_not_fit_the_ranges_are_corrected(files, tmp_path, l
         write_obs(paths[-1], later, signals=o.signals, holds="simulated", marker=o.receiver, version="test")
     verdict = protect(paths, nav=files[0] / "nav.rnx", antenna_distance_m=APART_M).verdict
     assert verdict.verdict == "authentic"
-    for one in verdict.inputs[:2]:
-        remarks = [words for words in one.left_out if "ranges fit the orbits" in words]
-        assert len(remarks) == (Path(one.path).stem in who)
+    for item in verdict.inputs[:2]:
+        remarks = [words for words in item.left_out if "ranges fit the orbits" in words]
+        assert len(remarks) == (Path(item.path).stem in who)
         assert all(("UTC" in words) == (late_s == -18.0) for words in remarks)
 
 

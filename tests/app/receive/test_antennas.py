@@ -32,11 +32,11 @@ def of_files(array_files):
 def test_antennas_in_one_file_measure_as_in_files_of_their_own(of_files, array_files):
     apart, together = of_files.antennas, track_antennas(array_files.sigmf).antennas
     assert len(apart) == len(together) == 4
-    for one, two in zip(apart, together, strict=True):
-        assert one.signals == two.signals
-        assert np.isfinite(one.pseudorange_m).sum() > 100
+    for separate, joined in zip(apart, together, strict=True):
+        assert separate.signals == joined.signals
+        assert np.isfinite(separate.pseudorange_m).sum() > 100
         for field in fields(Observations):
-            a, b = getattr(one, field.name), getattr(two, field.name)
+            a, b = getattr(separate, field.name), getattr(joined, field.name)
             if isinstance(a, np.ndarray):
                 assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f")  # to the last bit
     assert not np.array_equal(apart[0].pseudorange_m, apart[1].pseudorange_m, equal_nan=True)
@@ -57,7 +57,7 @@ def test_the_first_antenna_stands_for_the_receiver(of_files):
 def make_samples(**given):
     rng = np.random.default_rng(len(str(given)))
     values = rng.normal(size=(2, 1000)).astype(np.float32)
-    one = Samples(
+    samples = Samples(
         name="one",
         rate_hz=2.6e6,
         n_samples=1000,
@@ -65,7 +65,7 @@ def make_samples(**given):
         start_gpst=START,
         path="one.bin",
     )
-    return replace(one, **given)
+    return replace(samples, **given)
 
 
 @pytest.mark.parametrize(

@@ -75,9 +75,9 @@ def collect_observations(tracker):
 def test_pieces_give_what_the_whole_gives(sky, whole, monkeypatch):
     monkeypatch.setattr(tracking, "BLOCK_S", 0.37)
     pieces = run_to_end(make_tracker(sky))
-    one, other = whole.measured.whole(), pieces.measured.whole()
-    np.testing.assert_array_equal(one.table, other.table)
-    np.testing.assert_array_equal(one.turns_rad, other.turns_rad)
+    first, other = whole.measured.whole(), pieces.measured.whole()
+    np.testing.assert_array_equal(first.table, other.table)
+    np.testing.assert_array_equal(first.turns_rad, other.turns_rad)
     np.testing.assert_array_equal(whole.vector.filter.mean, pieces.vector.filter.mean)
 
 

@@ -177,8 +177,8 @@ def test_sigmf_where_it_can_be(tmp_path: Path) -> None:
 def test_two_runs_never_mix(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("stays")
     simulate(make_small(), out=tmp_path, depth="measurements")
-    one = make_small(receivers=make_small().receivers[:1])
-    result = simulate(one, out=tmp_path, depth="measurements", overwrite=True)
+    single = make_small(receivers=make_small().receivers[:1])
+    result = simulate(single, out=tmp_path, depth="measurements", overwrite=True)
     assert set(read_octets(tmp_path)) == {*result.files, "mine.txt"}
 
 
@@ -253,9 +253,9 @@ def test_an_interruption_leaves_whole_files_only(tmp_path: Path, monkeypatch: py
 
     result = simulate(make_small(), out=tmp_path / "part", progress=Impatient())
     assert result.interrupted
-    there = read_octets(tmp_path / "part")
-    assert set(there) == set(result.files) == set(whole.files) - {"stern.bin", "stern.toml"}
-    assert {name: (tmp_path / "whole" / name).read_bytes() for name in there} == there
+    written = read_octets(tmp_path / "part")
+    assert set(written) == set(result.files) == set(whole.files) - {"stern.bin", "stern.toml"}
+    assert {name: (tmp_path / "whole" / name).read_bytes() for name in written} == written
     assert [path.name for path in result.recordings] == ["bow.bin"]
 
 
@@ -271,9 +271,9 @@ def test_too_little_room_is_reported_before_anything_is_written(
 
 
 def test_names_that_would_meet_in_one_file_are_reported(tmp_path: Path) -> None:
-    one, two = make_small().receivers
+    first, second = make_small().receivers
     with pytest.raises(ScenarioError, match=r"scenario\.toml"):
-        simulate(make_small(receivers=(one, two.model_copy(update={"name": "scenario"}))), out=tmp_path)
+        simulate(make_small(receivers=(first, second.model_copy(update={"name": "scenario"}))), out=tmp_path)
     assert read_octets(tmp_path) == {}
 
 
@@ -284,7 +284,7 @@ def test_measurements_of_a_moment_are_refused_or_left_out(tmp_path: Path) -> Non
     watch = Watch()
     result = simulate(short, out=tmp_path, progress=watch)
     assert result.observations == ()
-    assert any("none" in said for said in watch.said)
+    assert any("none" in line for line in watch.said)
 
 
 def test_every_ready_made_scene_has_a_sentence_and_can_be_run() -> None:

@@ -59,7 +59,7 @@ def test_one_bit_is_seen(run, name, capfd):
     path.write_bytes(content)
     found = verify(run / "out", inputs_in=run)
     assert not found.unchanged
-    assert {Path(one).name for one in list_states(found, "different")} == {path.name}
+    assert {Path(path_found).name for path_found in list_states(found, "different")} == {path.name}
     assert main(["verify", str(run / "out"), "--inputs-in", str(run)]) == 1
     assert "CHANGED" in capfd.readouterr().out
 
@@ -71,7 +71,7 @@ def test_what_is_gone_or_came_is_named(run):
     found = verify(run / "out", inputs_in=run)
     assert list_states(found, "missing") == {"fixes.csv"}
     assert list_states(found, "not of the run") == {"notes.txt"}
-    assert {Path(one).name for one in list_states(found, "not found")} == {"brdc.rnx"}
+    assert {Path(path_found).name for path_found in list_states(found, "not found")} == {"brdc.rnx"}
     assert not found.unchanged
     assert not found.complete
 

@@ -170,8 +170,8 @@ def test_without_a_place_the_fitting_sets_place_is_taken():
     covariance = np.tile(np.radians(0.05) ** 2 * np.eye(9), (STATE.gpst.size, 1, 1))
     covariance[:, range(6), range(6)] = np.inf
     records = replace(move_two(), nav_state={"rx1": replace(STATE, covariance=covariance)})
-    words, (said,) = examine_records(records)
-    assert said.code == "no_place"
+    words, (finding,) = examine_records(records)
+    assert finding.code == "no_place"
     far = ecef_from_geodetic(np.radians(-20.0), np.radians(80.0), 0.0)
     words, _ = examine_records(replace(records, sets=(make_set(2, 3, place_m=far), make_set(0, 1, 4, 5, 6, 7))))
     assert words == {"spoofed": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}

@@ -27,8 +27,8 @@ WINDOWS = 14
 
 
 def make_standing(oscillator=None, *, stands=True):
-    own = None if oscillator is None else OSCILLATORS[oscillator]
-    return Standing(stands=stands, oscillator=own, by=("standing",), assumes=("receiver_stands",))
+    stability = None if oscillator is None else OSCILLATORS[oscillator]
+    return Standing(stands=stands, oscillator=stability, by=("standing",), assumes=("receiver_stands",))
 
 
 class Taken:
@@ -43,10 +43,12 @@ class Taken:
         self.found_s = onset_s + found_m / speed
         self.onset_s, self.away = onset_s, away
         self.sets = [s for window in range(WINDOWS) for s in self.list_sets(window)]
-        both = {w for w in range(WINDOWS) if sum(s.gpst == invented.at(10.0 * w + 5.0) for s in self.sets) > 1}
-        self.first = min(both, default=None)
+        doubled = {w for w in range(WINDOWS) if sum(s.gpst == invented.at(10.0 * w + 5.0) for s in self.sets) > 1}
+        self.first = min(doubled, default=None)
         self.evidence = [
-            invented.evidence(w, "attack" if w in both else "clean", *OLD, *(NEW if w in both else ()), p_value=0.5)
+            invented.evidence(
+                w, "attack" if w in doubled else "clean", *OLD, *(NEW if w in doubled else ()), p_value=0.5
+            )
             for w in range(WINDOWS)
         ]
         first = int(self.found_s)
@@ -70,11 +72,11 @@ class Taken:
     def set_of(self, window, names, off):
         at_s = 10.0 * window + 5.0
         white = self.sigma_m * self.rng.standard_normal(4) / np.sqrt(2.0)
-        shown = off + white + self.lasting_m[int(names is NEW)] + float(self.clock_m(np.array(at_s))) * CLOCK
+        state = off + white + self.lasting_m[int(names is NEW)] + float(self.clock_m(np.array(at_s))) * CLOCK
         return replace(
             self.invented.sky(window, *names),
-            position_ecef_m=HOME + shown[:3],
-            clock_bias_s=shown[3] / SPEED_OF_LIGHT_M_S,
+            position_ecef_m=HOME + state[:3],
+            clock_bias_s=state[3] / SPEED_OF_LIGHT_M_S,
             covariance_m2=self.sigma_m**2 * np.eye(4),
         )
 
@@ -374,7 +376,7 @@ def make_overlap(taken, apart_m, doubt=3.2e-4, reflected=(1e-6, 1.0), sigma_m=3.
     """Make two skies at the middle of every window from the seventh on, the true one at home."""
     rng, evidence = np.random.default_rng(7), []
     for window, item in enumerate(taken.evidence):
-        shown = []
+        fixes = []
         for away in (np.zeros(4), apart_m * EAST):
             off = (away + sigma_m * rng.standard_normal(4))[:3]
             s = replace(
@@ -383,9 +385,9 @@ def make_overlap(taken, apart_m, doubt=3.2e-4, reflected=(1e-6, 1.0), sigma_m=3.
                 clock_bias_s=0.0,
                 covariance_m2=sigma_m**2 * np.eye(4),
             )
-            shown.append(s)
+            fixes.append(s)
         order = int(rng.choice([-1, 1]))
-        skies = (OverlappingSkies(sets=tuple(shown[::order]), doubt=doubt, reflected=reflected[::order]),)
+        skies = (OverlappingSkies(sets=tuple(fixes[::order]), doubt=doubt, reflected=reflected[::order]),)
         says = "attack" if window == 6 else "clean"
         evidence.append(taken.invented.restate(item, says=says, overlapping=skies if window >= 6 else ()))
     return evidence

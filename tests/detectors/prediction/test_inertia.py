@@ -37,8 +37,8 @@ def simulate_path(path="drive", seed=2, speed_m_s=0.0, duration_s=71.0, carrier=
     )
     if not speed_m_s:
         scene = make_scene(scene.scenario.model_copy(update={"attacks": ()}), NAVIGATION)
-    (one,) = model_receptions(scene, ChannelNoise(code_m=0.5), rng=np.random.default_rng(seed))
-    o = one.reception.observations
+    (model,) = model_receptions(scene, ChannelNoise(code_m=0.5), rng=np.random.default_rng(seed))
+    o = model.reception.observations
     windows = list(windows_of([WholeSource(o)], NAVIGATION, Settings()))
     settings = Settings(oscillator="ocxo")
     return o, windows, make_inertia(scene, settings, "tactical", seed=seed)["bow"]
@@ -56,9 +56,9 @@ def examine(detector, o, windows, doubts=(), **expected):
     """Return findings of windows in which nothing else but doubts is found, and the navigator after them."""
     state, findings = None, []
     for number, (window, clean) in enumerate(zip(windows, find_nothing(windows, o.signals), strict=True)):
-        own = cut(o, window.start_gpst, window.end_gpst)
+        part = cut(o, window.start_gpst, window.end_gpst)
         others = (clean, *(doubt for at, doubt in doubts if at == number))
-        records = replace(window, observations=(own,), findings=others, **expected)
+        records = replace(window, observations=(part,), findings=others, **expected)
         found, state = detector.examine(records, state)
         findings += found
     return findings, list_navigators(state).get("bow")

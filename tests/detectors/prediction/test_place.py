@@ -32,9 +32,9 @@ def simulate_standing(speed_m_s=0.0, seed=1, duration_s=81.0, code_m=0.5, ar1=0.
     if not speed_m_s:
         scene = make_scene(scene.scenario.model_copy(update={"attacks": ()}), NAVIGATION)
     noise = ChannelNoise(code_m=code_m, ar1=ar1, constant_m=constant_m)
-    (one,) = model_receptions(scene, noise, rng=np.random.default_rng(seed))
-    o = one.reception.observations
-    return o, list(windows_of([WholeSource(o)], NAVIGATION, Settings())), one.position_ecef_m[0]
+    (model,) = model_receptions(scene, noise, rng=np.random.default_rng(seed))
+    o = model.reception.observations
+    return o, list(windows_of([WholeSource(o)], NAVIGATION, Settings())), model.position_ecef_m[0]
 
 
 def list_departures(found, predictor):
