@@ -143,7 +143,7 @@ def make_table(messages: list[Message]) -> str:
     lines = [
         "# Messages",
         "",
-        "Every error that the tests raise, as it is printed: `skyproof: ` and these words on one line, exit code 2. "
+        "Every error that the tests raise, as printed: `skyproof: ` and these words on one line, exit code 2. "
         "Folders are left out; of one place in the source no more than "
         f"{SHOWN} messages are shown.",
     ]

@@ -1,4 +1,4 @@
-"""The page that shows the house shows it as it is built: rooms, floors and every arrow between them."""
+"""The page of the house agrees with the code: rooms, floors and every arrow between them."""
 
 import ast
 import importlib

@@ -111,7 +111,7 @@ class Ordered(Honest):
 
 
 class OfTaps(Honest):
-    """Looks at taps: of which signal, it takes from their names."""
+    """Examines taps and takes their signal from their names."""
 
     needs = (Need.OBSERVATIONS, Need.TAPS)
 

@@ -1,4 +1,4 @@
-"""Recordings that were cut and joined: the verdict is not authentic, and says where they do not go on."""
+"""Recordings that were cut and joined: the verdict is not authentic, and says where they are not continuous."""
 
 from dataclasses import replace
 

@@ -173,7 +173,7 @@ def assert_named(run: Run, label: str, at_least: int) -> None:
 
 
 def assert_trusted_fixes(run: Run, begin_s: float, end_s: float) -> None:
-    """Check fixes once a second, from 5 s on, of which 95 % are within 5 m before the onset and after it."""
+    """Check fixes once a second from 5 s on, 95 % of them within 5 m, before the onset and after it."""
     for receiver in RECEIVERS:
         seconds, error_m = run.read_trusted(receiver)
         for part in (seconds < ONSET_S, seconds >= ONSET_S):

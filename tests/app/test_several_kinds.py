@@ -298,7 +298,7 @@ PIECE_S, WINDOW_S = 1200.0, 30.0
 def clean_pieces(kinds, pieces, seed):
     """Judge pieces of twenty minutes at any place between 65 degrees south and north, at any time.
 
-    Errors are as large as the settings say, drawn anew for every piece: white or slow noise of code, and one error
+    Errors are as large as the settings say, drawn for every piece: white or slow noise of code, and one error
     that stays for each signal.
     """
     rng = np.random.default_rng(seed)

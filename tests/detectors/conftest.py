@@ -11,7 +11,7 @@ from skyproof.records import Finding
 
 @pytest.fixture(autouse=True)
 def _explain_each_finding(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Explain each finding as it is made, so that a code without a sentence or a field without data fails."""
+    """Explain each finding once it is made, so that a code without a sentence or a field without data fails."""
     make = Reporter.find
 
     def find(self: Reporter, *args: Any, **more: Any) -> Finding:

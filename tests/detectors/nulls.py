@@ -62,7 +62,7 @@ def draw_second_signals(rng, kept, delay_m=None, *, scene=ECHOES):
 
 
 def draw_echoes(rng, scene=ECHOES):
-    """Draw echoes as they are between towers, at most one per satellite and receiver."""
+    """Draw echoes as between towers, at most one per satellite and receiver."""
     records = scene.records(rng)
     sets = tuple(s for s in records.sets if s.signals[0].copy == "a")
     heard = tuple(

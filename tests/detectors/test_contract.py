@@ -96,7 +96,7 @@ HOME_ECEF_M = {"rx1": ecef_from_geodetic(np.radians(LAT_DEG), np.radians(LON_DEG
 
 
 def draw_few_satellites(rng: np.random.Generator) -> Records:
-    """Draw records of five satellites, of which no position is made."""
+    """Draw records of five satellites without a position."""
     records = ALONE.records(rng)
     (o,) = records.observations
     codes_m = o.pseudorange_m.copy()
@@ -139,7 +139,7 @@ def draw_two_false_skies(rng: np.random.Generator) -> Records:
 
 
 def move_receiver(rng: np.random.Generator) -> Records:
-    """Draw records of a receiver with an inertial unit, of which no attitude is stated."""
+    """Draw records of a receiver with an inertial unit and no stated attitude."""
     readings = ImuSeries(
         gpst=GPS_EPOCH + np.arange(3) * np.timedelta64(1, "s"),
         interval_s=1.0,
@@ -157,7 +157,7 @@ def move_receiver(rng: np.random.Generator) -> Records:
 
 
 def draw_snapshots(rng: np.random.Generator) -> Records:
-    """Draw records of a snapshot of which the receiver reports a change once in ten."""
+    """Draw records of a snapshot; once in ten its receiver reports a change."""
     records = ALONE.records(rng)
     (o,) = records.observations
     p_value = rng.uniform()
@@ -246,7 +246,7 @@ CASES = (
         nulls.draw_near_reflections,
         10,
         300,
-        conservative="two tests share the rate, counts are whole, and not every near signal is told from a reflection",
+        conservative="two tests share the rate, counts are whole, some near signals look like reflections",
     ),
     Case(
         "one receiver that goes on",

@@ -1,4 +1,4 @@
-"""How detectors are found, and that a fault in one of another package costs nobody a run."""
+"""How detectors are found, and that a fault in one of another package stops no run."""
 
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
@@ -23,7 +23,7 @@ class Rate:
 
 @dataclass
 class Odd:
-    """A detector that says what it is told to."""
+    """A detector that returns the findings it is given."""
 
     settings: Rate = Rate()
     name: str = "odd"

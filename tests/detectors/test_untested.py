@@ -106,7 +106,7 @@ def add_chance_set():
 
 
 def keep_one_satellite():
-    """Keep the channels of a vector receiver of which those of one satellite last through the window."""
+    """Keep channels of a vector receiver so that only one satellite's last through the window."""
     records = nulls.draw_vector_taps(make_rng())
     (o,), (taps,) = records.observations, records.vector_taps
     rows = [0] * 5 + list(range(1, len(o.signals)))
@@ -394,7 +394,7 @@ CASES = {
 
 
 def make_chance_receivers():
-    """Make receivers of which one has a second set that chance makes."""
+    """Make receivers, one with a second set that chance makes."""
     records = make_pair(false=(FalseSky(receivers=("rx2",)),))
     *sky, false = records.sets
     return replace(records, sets=(*sky, replace(false, signals=false.signals[:5], statistic=1.0, dof=1)))

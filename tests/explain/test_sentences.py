@@ -68,7 +68,7 @@ def test_sentences_stand_within_others(detector, code, entry):
 
 
 def list_codes(path):
-    """List the codes of findings that a module states as they are."""
+    """List the codes of findings that a module states as literals."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if not isinstance(node, ast.Call):

@@ -1,4 +1,4 @@
-"""SigMF: what is cut or damaged loses what is gone and says so, in files and in archives."""
+"""SigMF: a cut or damaged recording loses what is gone and reports it, in files and in archives."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""What is left of observations for a trusted fix."""
+"""Observations that remain for a trusted fix."""
 
 import numpy as np
 

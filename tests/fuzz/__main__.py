@@ -2,7 +2,7 @@
 
     python -m tests.fuzz --inputs 20000 --seed 1 [--readers nav obs] [--again nav 17]
 
-Each input follows from the reader's name, the seed and its number, so that `--again` makes one anew. The process has a
+Each input follows from the reader's name, the seed and its number, so that `--again` makes one again. The process has a
 gibibyte more than it begins with, and a clock of its own that ends a reader after five seconds of work.
 """
 

@@ -1,4 +1,4 @@
-"""Golden numbers that programs of others gave: RTKLIB, PROJ, pymap3d, astropy. `interop/golden.py` prints them anew.
+"""Golden numbers that programs of others gave: RTKLIB, PROJ, pymap3d, astropy. `interop/golden.py` prints them again.
 
 Each tolerance is what the printed digits and double precision leave, but for those that say otherwise. Where orbits
 really were, nothing here shows: precise products of the days of these files are not at hand.

@@ -135,7 +135,7 @@ class DataFlash:
         self._format(self._known[name][0], 3 + struct.calcsize(layout), name, characters, labels)
 
     def log(self, name: str, *values: object) -> None:
-        """Write a record, its numbers as they are packed."""
+        """Write a record with its numbers packed."""
         kind, layout = self._known[name]
         self.octets += bytes([0xA3, 0x95, kind]) + struct.pack(layout, *values)
 

@@ -211,7 +211,7 @@ def make_sky(second: float, sats: int = 6, **given: object) -> list[Measured]:
 
 
 def stop_clock(second: float, number: int, error_ns: int, drift_m_s: float) -> list[Measured]:
-    """Return the sky after a stop of the clock, of which the phone knows the bias and the rate only roughly."""
+    """Return the sky after a stop of the clock, whose bias and rate the phone knows only roughly."""
     rows = make_sky(second, breaks=number, full_bias_ns=FULL_BIAS_NS + error_ns)
     return [replace(r, travel_ns=r.travel_ns - error_ns, rate_m_s=r.rate_m_s + drift_m_s) for r in rows]
 

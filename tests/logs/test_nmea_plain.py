@@ -1,4 +1,4 @@
-"""Plain sentences in bulk give what each gives by itself, whatever is damaged."""
+"""Plain sentences read in bulk give the same as read singly, whatever is damaged."""
 
 from dataclasses import fields
 
@@ -15,7 +15,7 @@ LETTERS = "0123456789,,,.-ANSEWM*FX"
 
 
 def find_unplain(octets, begin, length) -> Addresses:
-    """Return addresses that are not plain, so that each sentence is read by itself."""
+    """Return addresses that are not plain, so that sentences are read singly."""
     return Addresses(np.zeros(begin.size, np.int64), np.zeros(begin.size, np.int64))
 
 

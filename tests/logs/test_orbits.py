@@ -138,7 +138,7 @@ def test_a_frame_is_mistimed_only_where_its_time_is_known(early_s, late_s, open_
 
 
 def encode_value(field: BitField, value: float, n_bits: int) -> int:
-    """Return the bits of a frame that carry a value: the inverse of `BitField.value`, written by itself."""
+    """Return the bits of a frame that carry a value: the inverse of `BitField.value`, written independently."""
     length = sum(size for _, size in field.runs)
     raw = round(value / GPS_PI / field.scale) if field.angle else round(value / field.scale)
     if field.magnitude and raw < 0:

@@ -190,7 +190,7 @@ class SetSearch:
         size : five at least.
         free : (n,) which of the measurements may be used.
 
-        The work is bounded. Nothing is found if the first satellites, of which four are taken, give more than 300 000
+        The work is bounded. Nothing is found if fours of the first satellites give more than 300 000
         combinations (beyond 12 satellites of 3 signals each: sets so small among so many signals mean nothing). And of
         the candidates on a level the 10 000 with the smallest statistics stay: more there are only where the copies of
         many satellites are within the noise of each other and can be exchanged.
@@ -248,7 +248,7 @@ class SetSearch:
 def solve(measurements, choice, start_m, *, rounds=1, clocks=None):
     """Solve position and clock of each row of `choice` (m, k), from `start_m` (m, 4), with its atmosphere.
 
-    With `clocks` (k, c), as in `design_matrix`, several clocks: states and covariances are of 3 + c numbers.
+    With `clocks` (k, c), as in `design_matrix`, several clocks: states and covariances have 3 + c numbers.
     A last step of 100 m is taken linearly: what that neglects in a range is its square over the distance, 0.5 mm.
     """
     taken = choice >= 0

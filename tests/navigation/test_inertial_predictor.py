@@ -1,4 +1,4 @@
-"""What an inertial unit lets expect of a receiver that moves: as far off as stated, whatever it did not learn of."""
+"""The inertial prediction of a receiver that moves: as far off as stated, whatever it did not learn of."""
 
 from dataclasses import replace
 

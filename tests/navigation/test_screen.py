@@ -14,7 +14,7 @@ EPOCHS = 30
 
 
 def screen_fixes(sats: int, late_m: float = 0.0, first: int = EPOCHS, seed: int = 1, **options):
-    """Screen fixes by so many satellites, one of which is late by `late_m` from epoch `first` on."""
+    """Screen fixes by so many satellites; one is late by `late_m` from epoch `first` on."""
     scene = MeasuredScene(epochs=EPOCHS, max_satellites=sats, errors=TrackErrors(sigma_m=1.0))
     records = scene.records(np.random.default_rng(seed))
     observations = records.observations[0]

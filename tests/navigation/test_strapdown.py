@@ -1,4 +1,4 @@
-"""Strapdown: error-free readings lead back to where they were made; Euler rates as they are and as printed."""
+"""Strapdown: error-free readings lead back to where they were made; Euler rates, true and as printed."""
 
 import numpy as np
 import pytest

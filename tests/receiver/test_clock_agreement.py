@@ -1,4 +1,4 @@
-"""Codes against carriers: a rate or a carrier that is given wrong is told apart, measured and put right."""
+"""Codes against carriers: a wrong rate or carrier is identified, measured and corrected."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ PPM = 1e-6
 
 
 def measure_at(wrong_ppm, rate_hz=2.6e6, **front_end):
-    """Survey a clean sky whose rate is given wrong; Dopplers are as they are seen at that rate."""
+    """Survey a clean sky whose rate is given wrong; Dopplers are those seen at that rate."""
     samples, heard = record(rate_hz, **front_end)
     given_hz = samples.rate_hz * (1.0 + wrong_ppm * PPM)
     for wave in heard:

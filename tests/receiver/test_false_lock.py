@@ -1,4 +1,4 @@
-"""A carrier held whole half cycles a bit off: how often it is seen, and how seldom it is said of a true lock."""
+"""A carrier held whole half cycles a bit off: how often it is detected, and how rarely a true lock is called one."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Guided loops: the replica goes where it is told, and closes by itself once the guide has lapsed."""
+"""Guided loops: the replica follows the guide, and closes without it once the guide has lapsed."""
 
 import numpy as np
 from hypothesis import given

@@ -90,7 +90,7 @@ def test_a_time_of_week_is_dropped_once_bits_begin_elsewhere():
 
 
 def send(bits, *, lead_periods, cn0_dbhz, rng):
-    """Make in-phase prompts of bits (n,), the first of which begins at period `lead_periods` (0 to 19)."""
+    """Make in-phase prompts of bits (n,); the first begins at period `lead_periods` (0 to 19)."""
     strength = 10.0 ** (0.1 * cn0_dbhz) * 1e-3
     values = np.sqrt(2.0 * strength) * np.repeat(bits, 20)[(20 - lead_periods) % 20 :]
     return (values + rng.normal(size=values.size)).astype(np.float32)

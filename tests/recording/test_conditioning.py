@@ -1,4 +1,4 @@
-"""The front end measured and corrected: what is found, what it costs, what is left of it; and signals stay unharmed."""
+"""The front end measured and corrected: what is found, what it costs, what remains; and signals stay unharmed."""
 
 from dataclasses import replace
 

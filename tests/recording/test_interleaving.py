@@ -1,4 +1,4 @@
-"""Channels that take turns are told from one channel, whatever else is in the samples."""
+"""Interleaved channels are distinguished from one channel, whatever else is in the samples."""
 
 import numpy as np
 import pytest

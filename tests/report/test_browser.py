@@ -39,7 +39,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is install
 
 
 def browse(folder: Path, page: str, *options: str) -> tuple[str, str]:
-    """Open the page; return it as it is once all is done, and the browser's messages."""
+    """Open the page; return its final state, and the browser's messages."""
     path = folder / "page.html"
     path.write_text(page, encoding="utf-8")
     assert CHROMIUM is not None

@@ -1,4 +1,4 @@
-"""A slow twin of the scenes' delays: each instant by itself, from the orbits and the models, without any curve."""
+"""A slow twin of the scenes' delays: each instant independently, from the orbits and the models, without any curve."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Scenes that move, against closed forms from the places and a twin that solves each instant by itself."""
+"""Scenes that move, against closed forms from the places and a twin that solves each instant independently."""
 
 from typing import Any
 

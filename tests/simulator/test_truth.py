@@ -1,4 +1,4 @@
-"""The series of the truth agree with the scene they are of, with measurements and samples, and with each other."""
+"""The series of the truth agree with their scene, with measurements and samples, and with each other."""
 
 import numpy as np
 import pytest

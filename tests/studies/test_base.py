@@ -182,7 +182,7 @@ def test_the_charts_name_columns_in_words(name: str) -> None:
 
 
 def write_plainly(rows: Iterable[Row]) -> str:
-    """Write rows as JSON without times, which are of the machine."""
+    """Write rows as JSON without times, which depend on the machine."""
     return json.dumps(
         [
             {k: v.item() if isinstance(v, np.generic) else v for k, v in row.items() if not k.startswith("ms_")}

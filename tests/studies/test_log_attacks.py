@@ -1,4 +1,4 @@
-"""Attacks put into measurements: every observable goes on as if the receiver had followed the false signals."""
+"""Attacks put into measurements: every observable continues as if the receiver had followed the false signals."""
 
 from dataclasses import replace
 

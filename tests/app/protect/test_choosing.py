@@ -1,4 +1,4 @@
-"""One receiver is taken over and drawn off: what is trusted stays true, the choice is right or not made."""
+"""One receiver is taken over and dragged off: what is trusted stays true, the choice is right or not made."""
 
 from dataclasses import dataclass, field
 
@@ -206,7 +206,7 @@ def draw_pull(rng, kind):
 
 
 TOLD_FROM_GUESSES = 14
-"""Choices, of which two may not be wrong: of so many guesses fewer than two are wrong once in a thousand times."""
+"""Choices, no two of them wrong: of so many guesses fewer than two are wrong once in a thousand times."""
 
 
 @pytest.mark.long

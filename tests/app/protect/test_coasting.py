@@ -84,7 +84,7 @@ def test_a_run_goes_on_where_its_receiver_stands_and_only_there(speed_m_s):
 
 
 class Heard:
-    """In place of an inertial unit's predictor: when it was asked and told what."""
+    """Stands in for an inertial unit's predictor and keeps each call with its instant."""
 
     def __init__(self):
         self.told = []
@@ -133,7 +133,7 @@ def test_doubtful_fixes_correct_no_unit_and_stay_what_they_are():
 
 
 class Drifts(Heard):
-    """A navigator that stands, of which one sigma grows by a metre a second on each axis."""
+    """A navigator that stands; its sigma grows by a metre a second on each axis."""
 
     def truth_at(self, gpst):
         sigma_m = float((gpst - LABELS[3]) / np.timedelta64(1, "s"))

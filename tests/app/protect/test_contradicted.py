@@ -1,4 +1,4 @@
-"""Equipment that is not as the platform file says, or that fails on the way: told, the rest used, no wrong word."""
+"""Equipment that is not as the platform file says, or that fails on the way: reported, the rest used, no wrong word."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Signals that a grid holds are drawn with their own delay, power and phase, and between the taps as they are."""
+"""Signals that a grid holds are drawn with their own delay, power and phase, and between the taps unchanged."""
 
 import numpy as np
 import pytest

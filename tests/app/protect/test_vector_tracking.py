@@ -1,4 +1,4 @@
-"""A vector receiver in `protect`: what its correlators say stands beside the verdict, and labels nobody."""
+"""A vector receiver in `protect`: what its correlators say stands beside the verdict, and labels no signal."""
 
 import numpy as np
 import pytest

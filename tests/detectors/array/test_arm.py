@@ -42,7 +42,7 @@ def make_turning(
 ):
     """Make a window of an arm that turns clockwise, with `false` satellites imitated from one direction.
 
-    beside : columns of true signals within a chip of which a false one of half their amplitude is drawn off.
+    beside : columns of true signals that each have a false one of half their amplitude dragged off within a chip.
     between : within a chip of every true signal is a false one that is as strong and stays: the sum of their waves
         is one from halfway between.
     moved_rad : the first signal is false, and comes from so far beside its satellite.

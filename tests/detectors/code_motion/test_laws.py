@@ -1,4 +1,4 @@
-"""The law of code positions that go on: its rate by counting, and its bounds."""
+"""The law of continuous code positions: its rate by counting, and its bounds."""
 
 import numpy as np
 import pytest

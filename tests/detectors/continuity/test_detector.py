@@ -1,4 +1,4 @@
-"""Position, velocity, clock and time go on, or it is said; receivers that stand or move under a clean sky pass."""
+"""Breaks of position, velocity, clock and time are found; receivers that stand or move under a clean sky pass."""
 
 from dataclasses import fields, replace
 from functools import cache

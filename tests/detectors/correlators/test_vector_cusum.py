@@ -1,4 +1,4 @@
-"""Cumulative sums over a vector receiver's looks: how often they alarm, what goes on between windows, and when."""
+"""Cumulative sums over a vector receiver's looks: how often they alarm, what is carried between windows, and when."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""One signal or two over a burst: false second signals as stated, delays at the bound, reflections told from others."""
+"""One signal or two over a burst: false second signals as stated, delays at the bound, reflections separated."""
 
 import numpy as np
 import pytest

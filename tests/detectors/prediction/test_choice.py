@@ -1,4 +1,4 @@
-"""Which of two skies is true by prediction: as seldom wrong as stated, and nothing chosen where nothing is known."""
+"""Which of two skies is true by prediction: as rarely wrong as stated, and nothing chosen where nothing is known."""
 
 from dataclasses import replace
 
@@ -32,8 +32,10 @@ def make_standing(oscillator=None, *, stands=True):
 
 
 class Taken:
-    """A receiver that stands is taken over: its channels follow the false sky from `onset_s` on, and the true one is
-    found anew when they have parted by `found_m`."""
+    """A receiver that stands is taken over.
+
+    Its channels follow the false sky from `onset_s` on; the true one is found again once they differ by `found_m`.
+    """
 
     def __init__(self, invented, rng, *, onset_s, away, found_m, sigma_m=1.5, clock_m=None, hidden=True):
         self.invented, self.rng, self.sigma_m = invented, rng, sigma_m

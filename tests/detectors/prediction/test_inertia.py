@@ -1,4 +1,4 @@
-"""What a receiver shows leaves what its inertial unit lets expect: an attack, or a unit that may err."""
+"""A fix departs from the inertial prediction: an attack, or a unit that may err."""
 
 from dataclasses import replace
 from functools import cache
