@@ -9,6 +9,7 @@ from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.detectors.multi_receiver.further_signals import Rates, find_further_signals
 from skyproof.detectors.multi_receiver.pairing import pair_up
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
+from skyproof.detectors.second_signals.detector import SecondSignals, SecondSignalsSettings
 from skyproof.records import SignalId, SignalRef
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
@@ -42,7 +43,7 @@ def make_records(imitated, *, over_db=9.0, receivers=2, late_m=None):
 
 
 def examine_all(made, **given):
-    settings = MultiReceiverSettings(antennas_enu_m=PLACES, false_alarm_probability=1e-6, **given)
+    settings = MultiReceiverSettings(**{"antennas_enu_m": PLACES, "false_alarm_probability": 1e-6, **given})
     evidence, _ = MultiReceiver(settings).examine(made)
     return [e for e in evidence if e.says == "spoofed"], [e for e in evidence if e.says == "authentic"]
 
@@ -60,6 +61,19 @@ def test_few_signals_are_named_by_the_antenna_they_come_from(receivers):
     assert all({ref.receiver for ref in e.signals} == set(list(PLACES)[:receivers]) for e in spoofed)
     assert not any(e.whole_sky for e in spoofed)
     assert {e.code for e in spoofed} == {"unlike_echoes_of_one_antenna"}
+
+
+@pytest.mark.parametrize(("alpha", "named"), [(1e-7, True), (1e-8, False)])
+def test_an_alarm_of_second_signals_names_them_one_by_one(alpha, named):
+    # They have 6e-8 by the test of a receiver's second signals, and 4 tests here share the rate.
+    made, sats = records(([0, 2], [4, 7]), over_db=0.0)
+    alarm, _ = SecondSignals(SecondSignalsSettings(false_alarm_probability=alpha)).examine(made)
+    assert [e.says == "attack" for e in alarm] == [named, named]
+    spoofed, authentic = examine_all(made, false_alarm_probability=alpha)
+    assert {(ref.signal.sat, ref.signal.copy) for e in spoofed for ref in e.signals} == (
+        {(sats[0], "b"), (sats[2], "b"), (sats[4], "c"), (sats[7], "c")} if named else set()
+    )
+    assert len(authentic) == 1
 
 
 def test_one_odd_signal_is_not_named():

@@ -29,7 +29,7 @@ import numpy as np
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.multi_receiver.pairing import Pairing
 from skyproof.detectors.multi_receiver.policy import POLICY
-from skyproof.detectors.second_signals.detector import elevation_rad
+from skyproof.detectors.second_signals.detector import SecondSignals, SecondSignalsSettings, elevation_rad
 from skyproof.detectors.second_signals.echoes import EchoModel, Second, echo_p_value, false_over_echo
 from skyproof.detectors.second_signals.policy import POLICY as SECOND_SIGNALS
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
@@ -142,9 +142,22 @@ def find_further_signals(
     tested = [_Tested(beside, places, each) for beside, places in [*by_place.values(), *together]]
     p_attack = tests * min((tested_kind.p_value for tested_kind in tested), default=1.0)
     if p_attack >= rates.alarm:
-        p_attack = max(known_p.values(), default=1.0)
+        p_attack = _find_alarm(records, {name for name, _ in true}, known_p, rates)
     alone = {b.ref: b for tested_kind in tested for b in tested_kind.told if p_attack < rates.alarm}
     return [*found, *_group_by_antenna(alone, skies, p_attack, each)]
+
+
+def _find_alarm(records: Records, receivers: set[str], named: Mapping[SignalRef, float], rates: Rates) -> float:
+    """Return the p-value of the alarm that another test raises; 1 if none does.
+
+    One that `second_signals` raises is not paid for a second time: it takes the same signals at the same rate.
+    """
+    rules = SecondSignalsSettings(false_alarm_probability=rates.alarm, multipath_sigma_m=rates.multipath_sigma_m)
+    alone = SecondSignals(rules)
+    raised = min(
+        (alone.echoes_p_value(records, o) for o in records.observations if o.receiver in receivers), default=1.0
+    )
+    return raised if raised < rates.alarm else max(named.values(), default=1.0)
 
 
 def _join_places(own: Mapping[tuple[str, Kind], tuple[list[_Beside], set[_Place]]]) -> set[_Place]:

@@ -40,7 +40,7 @@ from skyproof.records import (
     Transmission,
     list_refs,
 )
-from skyproof.statistics.many_small import many_small
+from skyproof.statistics.many_small import ManySmall, many_small
 
 __all__ = ["FoundSecondSignals", "SecondSignals", "SecondSignalsSettings", "elevation_rad", "find_second_signals"]
 
@@ -282,13 +282,9 @@ class SecondSignals:
             return report.pass_over(signals_of((o,)), NotTested("few_satellites", few))
         least_p = self._test_satellites(report.records, o, found)
         none = [1.0] * (n - len(least_p))
-        test = many_small([*least_p.values(), *none], least=POLICY.attack_satellites, most=POLICY.telling_p_value)
+        test = _count_small([*least_p.values(), *none])
         worst = [self.settings.unexplained_probability] * len(found.unknown)
-        at_worst = many_small(
-            [*least_p.values(), *worst, *none[len(worst) :]],
-            least=POLICY.attack_satellites,
-            most=POLICY.telling_p_value,
-        )
+        at_worst = _count_small([*least_p.values(), *worst, *none[len(worst) :]])
         if test.p_value >= alpha > at_worst.p_value:
             return report.pass_over(
                 _signals(o, found.sats), NotTested("delay_unknown", {"unknown": len(found.unknown)})
@@ -310,6 +306,14 @@ class SecondSignals:
             data=data,
         )
 
+    def echoes_p_value(self, records: Records, o: Observations) -> float:
+        """Return the p-value of a receiver's second signals being echoes; 1 where it is not tested."""
+        found = find_second_signals(o, self.settings)
+        if len(found.sats) < POLICY.attack_satellites:
+            return 1.0
+        least_p = self._test_satellites(records, o, found)
+        return _count_small([*least_p.values(), *[1.0] * (len(found.sats) - len(least_p))]).p_value
+
     def _test_satellites(self, records: Records, o: Observations, found: FoundSecondSignals) -> dict[str, float]:
         """Return of each satellite with second signals the p-value of the most telling, if it is an echo."""
         model, sets = self.settings.echoes, [s for s in records.sets if s.receiver == o.receiver]
@@ -320,6 +324,11 @@ class SecondSignals:
             )
             for sat, seconds in found.seconds.items()
         }
+
+
+def _count_small(p_values: Sequence[float]) -> ManySmall:
+    """Test that no more satellites than chance explains have a telling second signal. p_values : of all of them."""
+    return many_small(p_values, least=POLICY.attack_satellites, most=POLICY.telling_p_value)
 
 
 def _p_value(model: EchoModel, second: Second) -> float:
