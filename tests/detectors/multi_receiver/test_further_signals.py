@@ -66,7 +66,7 @@ def test_few_signals_are_named_by_the_antenna_they_come_from(receivers):
 @pytest.mark.parametrize(("alpha", "named"), [(1e-7, True), (1e-8, False)])
 def test_an_alarm_of_second_signals_names_them_one_by_one(alpha, named):
     # They have 6e-8 by the test of a receiver's second signals, and 4 tests here share the rate.
-    made, sats = records(([0, 2], [4, 7]), over_db=0.0)
+    made, sats = make_records(([0, 2], [4, 7]), over_db=0.0)
     alarm, _ = SecondSignals(SecondSignalsSettings(false_alarm_probability=alpha)).examine(made)
     assert [e.says == "attack" for e in alarm] == [named, named]
     spoofed, authentic = examine_all(made, false_alarm_probability=alpha)
