@@ -28,7 +28,6 @@ from skyproof.detectors.own_fixes.detector import OwnFixes
 from skyproof.detectors.registry import load_detectors
 from skyproof.detectors.residual import Residual, ResidualSettings
 from skyproof.detectors.second_signals.detector import SecondSignals
-from skyproof.detectors.snapshot.detector import Snapshots
 from skyproof.detectors.torn.detector import Torn
 from skyproof.explain import explain
 from skyproof.records import NavigationData, Records
@@ -360,10 +359,6 @@ CASES = {
     ("known_place", "few_satellites"): (
         lambda: examine_all(CodesAtPlace(AT_PLACE), replace(keep_orbits(clean(), 2), sets=())),
         "fewer than 3 satellites at any epoch of rx1 have codes and orbits",
-    ),
-    ("snapshot", "long"): (
-        lambda: examine_all(Snapshots(), clean()),
-        "rx1 is no snapshot, so other tests check",
     ),
     ("torn", "received_twice"): (
         lambda: examine_all(Torn(), clean(false=(FalseSky(),))),

@@ -41,10 +41,11 @@ NEEDS: dict[Need, str] = {
     Need.NAV_STATE: "attitude of the body over the same time: an inertial unit, or angles that are stated",
     Need.OWN_FIXES: "the receiver's own fixes, in a log (UBX-NAV-PVT, SBF PVTGeodetic, NMEA GGA)",
     Need.SPIN_ARMS: "length and rate of the arm that turns the antenna",
-    Need.STANDING: 'a receiver that stands: its surveyed position, or motion = "standing", in the platform file',
+    Need.STANDING: 'a receiver that stands: its surveyed position, or motion = "static", in the platform file',
     Need.INERTIAL: "readings of an inertial unit that carries the antenna, with its grade (--imu or a platform file)",
     Need.FINDINGS: "what other tests find in the same window",
     Need.EXPECTED: "a receiver that stands, or whose oscillator or inertial unit is known (settings or platform file)",
+    Need.CHANGES: "a recording shorter than a second; others are checked by tests of continuity",
 }
 """What detectors may need, in words for the user."""
 

@@ -25,7 +25,6 @@ def _describe_changes(finding: Finding) -> str:
 
 
 ENTRIES: Final[Mapping[str, Entry]] = {
-    "long": Entry("{receiver} is no snapshot, so other tests check whether it is continuous", "nothing"),
     "unchanged": Entry("the signals of {receiver} do not change during the snapshot", "nothing"),
     "changes": Entry(_describe_changes, "a later recording, or one of ten seconds or more"),
 }

@@ -23,6 +23,7 @@ class Need(StrEnum):
     INERTIAL = "inertial"
     FINDINGS = "findings"
     EXPECTED = "expected"
+    CHANGES = "changes"
 
     @property
     def tier(self) -> int:

@@ -8,7 +8,7 @@ does not change in so short a time. Something that shades the antenna may do it,
 from dataclasses import dataclass
 from typing import Any
 
-from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
+from skyproof.detectors.base import Reporter, leave_open
 from skyproof.errors import require_probability
 from skyproof.records import Cause, Finding, Hypothesis, Need, Records, SnapshotChanges, list_refs
 
@@ -30,18 +30,16 @@ class Snapshots:
 
     name = "snapshot"
     share = 0.0  # it never speaks of an attack
-    needs = (Need.OBSERVATIONS,)
+    needs = (Need.CHANGES,)
 
     def __init__(self, settings: SnapshotsSettings | None = None) -> None:
         self.settings = settings or SnapshotsSettings()
 
     def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
-        """Return a finding for each receiver whose signals change; that others are no snapshots is said once."""
+        """Return a finding for each receiver of which the recording is a snapshot."""
         report = Reporter(self, records, Hypothesis.CONTINUOUS)
         if lacking := report.name_missing():
             return lacking, state
-        if not records.changes:
-            return [report.pass_over(signals_of(records.observations), NotTested("long"))], state
         return [_find(report, name, changes) for name, changes in records.changes.items()], state
 
 
