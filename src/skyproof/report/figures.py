@@ -163,7 +163,7 @@ def _draw_compared(pictures: Pictures) -> list[Figure]:
     for comparison in pictures.compared:
         heading = f"Which sky of {comparison.receiver} is true"
         how = (
-            f"At {number_words(comparison.at_s)} s; expected by {comparison.by}. "
+            f"At {number_words(comparison.at_s)} s; predicted by {comparison.by}. "
             + (
                 f"Disc: chosen; diamond: refused; this is wrong {_wrong_words(comparison.wrong)}."
                 if comparison.chosen

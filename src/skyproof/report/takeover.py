@@ -215,9 +215,7 @@ def plot_clocks(compared: ComparedSkies, *, title: str) -> Markup:
         ]
     parts += [
         draw.rect(left_x, top, right_x, bottom, "frame"),
-        draw.text(
-            (left_x + right_x) / 2.0, bottom + 31.0, "time less the expected one, ns", anchor="middle", css="axis"
-        ),
+        draw.text((left_x + right_x) / 2.0, bottom + 31.0, "time minus expected time, ns", anchor="middle", css="axis"),
     ]
     return draw.svg(bottom + 38.0, title, parts)
 
