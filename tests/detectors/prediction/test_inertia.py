@@ -12,7 +12,13 @@ from tests.app.protect.test_choosing import DRIVE, WALK
 from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import cut, windows_of
-from skyproof.detectors.prediction.inertia import Inertia, InertiaSettings, list_navigators
+from skyproof.detectors.prediction.inertia import (
+    Inertia,
+    InertiaSettings,
+    _find_unit_p_value,
+    _Look,
+    list_navigators,
+)
 from skyproof.records import Cause, Finding, Hypothesis, Need, list_refs
 from skyproof.simulator.sky import make_scene
 from skyproof.studies.receiver_model import ChannelNoise, model_receptions
@@ -90,6 +96,21 @@ def test_codes_drawn_off_alone_are_no_error_of_the_unit():
     named = next(e for e in found if e.says == "attack")
     assert named.data["off_m_s"] < 0.2 < named.data["statistic"]
     assert max(named.p[cause] for cause in (Cause.STATEMENT, Cause.FAULT, Cause.REFLECTIONS)) < ALPHA
+
+
+def test_a_unit_that_wanders_between_looks_is_to_blame_as_stated():
+    # Epochs half a minute apart, and a velocity that errs as a random walk: positions part by what no look shows.
+    rng, apart_s, n = np.random.default_rng(6), 30.0, 8
+    step_s = 0.5
+    p_values = []
+    for _ in range(400):
+        error_m_s = np.vstack([np.zeros(3), rng.standard_normal((round(apart_s / step_s) * (n - 1), 3)).cumsum(axis=0)])
+        error_m = np.vstack([np.zeros(3), (0.5 * step_s * (error_m_s[1:] + error_m_s[:-1])).cumsum(axis=0)])
+        errors = np.hstack([error_m, error_m_s])[:: round(apart_s / step_s)]
+        at = [np.datetime64("2024-01-01", "ns") + np.timedelta64(round(1e9 * apart_s * k), "ns") for k in range(n)]
+        looks = [_Look(gpst, error[3:], error, 1e-4 * np.eye(6)) for gpst, error in zip(at, errors, strict=True)]
+        p_values.append(_find_unit_p_value(looks))
+    assert stats.kstest(p_values, "uniform").pvalue > 1e-3
 
 
 def test_a_clean_drive_goes_on_and_says_what_would_be_noticed():

@@ -58,7 +58,7 @@ from skyproof.records import (
     Records,
     list_refs,
 )
-from skyproof.statistics.distributions import chi_square_survival
+from skyproof.statistics.distributions import f_survival
 from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["Inertia", "InertiaSettings", "list_navigators"]
@@ -539,16 +539,23 @@ def _find_change_m_s(looks: Sequence[_Look]) -> float:
 def _find_unit_p_value(looks: Sequence[_Look]) -> float:
     """Return the largest p-value of how positions part, whatever the unit errs by: as velocities add up to.
 
-    Errors of the signals' velocities are taken to last, as reflections may.
+    Errors of the signals' velocities are taken to last, as reflections may. Between looks the unit's velocity may
+    wander off and back unseen: as a random walk with the steps that it shows from look to look, whose bridges have
+    dt^3 / 12 of its rate in position. That rate is estimated, so the law is F with the degrees of freedom of Welch
+    (Biometrika 34, 1947).
     """
     if len(looks) < POLICY.least_looks:
         return UNTESTED
     first, last = looks[0], looks[-1]
     t = np.asarray(seconds_between(np.array([look.gpst for look in looks]), first.gpst), np.float64)
-    added_m = np.trapezoid(np.array([look.apart[3:] for look in looks]), t, axis=0)
-    off_m = last.apart[:3] - first.apart[:3] - added_m
+    apart_m_s, each_s = np.array([look.apart[3:] for look in looks]), np.diff(t)
+    off_m = last.apart[:3] - first.apart[:3] - np.trapezoid(apart_m_s, t, axis=0)
     spread = first.covariance[:3, :3] + last.covariance[:3, :3] + t[-1] ** 2 * last.covariance[3:, 3:]
-    return float(chi_square_survival(off_m @ np.linalg.solve(spread, off_m), off_m.size))
+    wander_m2_s3 = float(np.mean(np.diff(apart_m_s, axis=0) ** 2 / each_s[:, None]))
+    unseen_m2 = wander_m2_s3 * float(np.sum(each_s**3)) / 12.0
+    total = spread + unseen_m2 * np.eye(3)
+    dof = off_m.size * each_s.size * (np.trace(total) / max(3.0 * unseen_m2, np.finfo(float).tiny)) ** 2
+    return float(f_survival(off_m @ np.linalg.solve(total, off_m) / off_m.size, off_m.size, dof))
 
 
 def _is_sudden(looks: Sequence[_Look]) -> bool:
