@@ -150,6 +150,7 @@ MADE_ELSEWHERE = {
     "snapshot": None,
     "registry": None,
     "carriers": None,
+    "coherence": None,
     "causes": None,
     "delays": "bursts",
     "continuity": None,

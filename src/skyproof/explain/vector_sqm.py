@@ -15,9 +15,17 @@ def _describe_misfit(finding: Finding) -> str:
     when = f", seen at {data['seen_s']:.1f} s of the recording" if "seen_s" in data else ""
     when += f", from {data['began_s']:.1f} s on" if "began_s" in data else ""
     return (
-        f"{len(finding.signals)} channels of {finding.signals[0].receiver} do not fit one position and clock{when}; "
+        f"{data['channels']} channels of {finding.signals[0].receiver} do not fit one position and clock{when}; "
         f"{_name_suspects(data)} (smallest singular value of two satellites' directions {data['separability']:.2g})"
+        f"{_name_incoherent(data['incoherent'])}"
     )
+
+
+def _name_incoherent(names: tuple[str, ...]) -> str:
+    """State which codes leave their Dopplers."""
+    if not names:
+        return ""
+    return f"; the code of {', '.join(names)} does not move as its Doppler says, whatever reflects it"
 
 
 def _name_suspects(data: Mapping[str, Any]) -> str:

@@ -71,13 +71,14 @@ class ReceivePolicy:
     farthest_m: float = number(
         8e6, "m", "From the Earth's centre: 1600 km of height, where no receiver of this kind is."
     )
-    out_chips: float = number(0.25, "chip", "Farther off, the discriminator of half a chip is past its straight part.")
+    out_chips: float = number(0.5, "chip", "Farther off, early or late of half a chip is past the signal's peak.")
     out_hz: float = number(150.0, "Hz", "A carrier so far off turns by a radian in the millisecond of a sum.")
-    comes_limits: float = number(
-        2.5, "1", "Chosen: so many limits off, a channel that has not yet driven the filter may begin to."
+    comes_chips: float = number(
+        0.625, "chip", "Chosen: from within, a channel that has not yet driven the filter may begin to."
     )
-    comes_back_limits: float = number(
-        0.5, "1", "Chosen: of the limit that it has broken: a channel comes back from well within."
+    comes_hz: float = number(375.0, "Hz", "Chosen: likewise, as its loops have a carrier of their own until then.")
+    back_share: float = number(
+        0.25, "1", "Chosen: of the limit that it has broken: a channel comes back from well within."
     )
     out_s: float = number(
         1.0, "s", "A loop settles within a second: only then a channel that went off may drive again."

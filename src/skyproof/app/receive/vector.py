@@ -292,12 +292,12 @@ def _follow(
     epoch = _epoch(channels, sky, receiver, guiding.settings)
     waits = np.array([guiding.out.get(signal, -np.inf) > elapsed_s for signal in channels.signals])
     drove = np.array([signal in guiding.driving for signal in channels.signals])
-    limit = np.where(
-        [signal in guiding.out for signal in channels.signals], POLICY.comes_back_limits, POLICY.comes_limits
-    )
+    was_out = np.array([signal in guiding.out for signal in channels.signals])
     predicted = predict_measurements(before.mean, sky)
     off_m, off_m_s = epoch.range_m - predicted.range_m, epoch.rate_m_s - predicted.rate_m_s
-    comes = ~waits & (_exceed_bound(off_m, off_m_s, receiver) < limit)
+    back = _exceed_bound(off_m, off_m_s, receiver) < POLICY.back_share
+    near = _exceed_bound(off_m, off_m_s, receiver, chips=POLICY.comes_chips, hz=POLICY.comes_hz) < 1.0
+    comes = ~waits & np.where(was_out, back, near)
     found = update_state(before, epoch, predicted, drove | comes, guiding.settings)
     if found.diverged:
         nothing = dict.fromkeys(channels.arcs, g.no_guide())
@@ -324,12 +324,19 @@ def _follow(
     return guiding, receiver.set_guides(state, guides)
 
 
-def _exceed_bound(misfit_m: Reals, rate_left_m_s: Reals, receiver: Receiver) -> Reals:
-    """Return by how much channels exceed the bound of misfit, (k,); NaN where neither part is known."""
+def _exceed_bound(
+    misfit_m: Reals,
+    rate_left_m_s: Reals,
+    receiver: Receiver,
+    *,
+    chips: float = POLICY.out_chips,
+    hz: float = POLICY.out_hz,
+) -> Reals:
+    """Return how many bounds channels are off, (k,); NaN where neither part is known."""
     signal = receiver.signal
-    chips = np.abs(misfit_m) * signal.chip_rate_hz / SPEED_OF_LIGHT_M_S
-    hz = np.abs(rate_left_m_s) * signal.carrier_hz / SPEED_OF_LIGHT_M_S
-    return np.fmax(chips / POLICY.out_chips, hz / POLICY.out_hz)
+    off_chips = np.abs(misfit_m) * signal.chip_rate_hz / SPEED_OF_LIGHT_M_S
+    off_hz = np.abs(rate_left_m_s) * signal.carrier_hz / SPEED_OF_LIGHT_M_S
+    return np.fmax(off_chips / chips, off_hz / hz)
 
 
 def _guide(
