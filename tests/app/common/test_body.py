@@ -372,6 +372,18 @@ def test_readings_without_an_initial_attitude_are_reported(tmp_path):
         open_body(with_imu(make_platform(imu=unit), "none.csv"))
 
 
+def test_antennas_in_the_body_are_given_to_detectors(tmp_path):
+    tables = [{"name": "one", "body_m": [1.0, 2.0, 0.0]}, {"name": "two", "body_m": [4.0, 2.0, 0.0]}]
+    for receivers, known in ((tables, True), ([tables[0], {"name": "two"}], False)):
+        carried = make_body(make_platform(imu=make_imu(tmp_path), receivers=receivers), ("one", "two"))
+        windows = windows_of([], NavigationData(ephemerides=()), Settings(), body=carried)
+        (detector,) = (d for d in instantiate_detectors(Settings(), windows.run) if d.name == "multi_receiver")
+        assert (detector.settings.antennas_body_m is not None) is known
+        if known:
+            np.testing.assert_array_equal(detector.settings.antennas_body_m["two"], [4.0, 2.0, 0.0])
+            assert detector.settings.antennas_body_sigma_m == 0.1
+
+
 def test_files_of_another_time_are_said_to_be_unused(tmp_path):
     carrier = make_platform(imu=make_imu(tmp_path))
     files = open_body(carrier)

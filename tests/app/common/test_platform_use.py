@@ -131,6 +131,16 @@ def test_antennas_keep_their_body_distance_without_an_attitude(more: dict[str, A
     assert list_unused(remarks) == (["motion, attitude"] if more else [])
 
 
+@pytest.mark.parametrize("turns", [True, False])
+def test_places_in_a_body_that_turns_are_used_window_by_window(turns: bool) -> None:
+    three = [*BODY, {"name": "c", "body_m": [0.0, 0.0, 0.0]}]
+    unit = {"imu": {"file": "imu.csv", "grade": "tactical"}} if turns else {}
+    settings, remarks = find_unused(names=["a", "b", "c"], receivers=three, **unit)
+    assert settings == Settings()
+    keys = ", ".join(f"receivers[{number}].body_m" for number in range(3))
+    assert list_unused(remarks) == ([] if turns else [keys])
+
+
 def test_antennas_at_one_place_of_the_body_give_no_distance() -> None:
     settings, remarks = find_unused(names=["a", "b"], receivers=[BODY[0], BODY[0] | {"name": "b"}])
     assert settings == Settings()

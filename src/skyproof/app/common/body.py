@@ -232,7 +232,8 @@ class Body:
     """What is known of the body in GPS time.
 
     stated : its attitude, with the error of interpolation. readings, initial, grade : of the inertial unit.
-    places : of each receiver's first antenna; empty where none is surveyed, or the body moves.
+    places : of each receiver's first antenna; empty where none is surveyed, or the body moves. antennas_m : (3,) of
+    each receiver's first antenna in the body; empty unless it is stated of all. antennas_sigma_m : of each axis.
     """
 
     stated: Attitude | None = None
@@ -240,6 +241,8 @@ class Body:
     initial: Attitude | None = None
     grade: ImuGrade | None = None
     places: Mapping[str, KnownPlace] = field(default_factory=dict)
+    antennas_m: Mapping[str, Reals] = field(default_factory=dict)
+    antennas_sigma_m: float = 0.0
 
 
 def body_of(
@@ -267,8 +270,12 @@ def body_of(
         readings = files.imu.series(zero_gpst if unit.start_gpst is None else unit.start_gpst)
     if attitude is None and readings is None:
         return None
+    mounted = {name: tables[name] for name in names if name in tables and tables[name].body_m is not None}
+    whole = len(mounted) == len(names) > 1
     return Body(
         stated=attitude,
+        antennas_m={name: table.antennas_body_m[0] for name, table in mounted.items()} if whole else {},
+        antennas_sigma_m=max((table.body_sigma_m for table in mounted.values()), default=0.0),
         readings=readings,
         initial=files.initial,
         grade=None if unit is None else unit.errors,

@@ -160,7 +160,8 @@ def _bound_speed(platform: Platform) -> _Use:
 def _place_antennas(platform: Platform, tables: Mapping[str, PlatformReceiver]) -> _Use:
     """Place the antennas relative to each other.
 
-    By survey, else in the body with its attitude, else by the distance of two.
+    By survey, else in the body with its attitude, else by the distance of two. Where the body turns, each window has
+    its attitude, which turns the places (`Body.antennas_m`).
     """
     numbers = [platform.receivers.index(table) for table in tables.values()]
     positions = frozenset(f"receivers[{number}].position" for number in numbers)
@@ -178,10 +179,12 @@ def _place_antennas(platform: Platform, tables: Mapping[str, PlatformReceiver]) 
         sigma_m = hypot(sigma_m, arm_m * radians(platform.attitude.sigma_deg))
         enu_m = (body_m - body_m[0]) @ (ROT_ENU_NED @ rot).T
         return _Use(_antennas(list(tables), enu_m, sigma_m), bodies | {"attitude"})
+    turns = platform.imu is not None or (platform.attitude is not None and platform.attitude.file is not None)
+    used = bodies | {"imu", "attitude"} if turns else bodies
     if len(placed) == 2 and (distance_m := dist(*body_m)) > 0.0:
         known = {"antenna_distance_m": distance_m, "antenna_distance_sigma_m": hypot(sigma_m, sigma_m)}
-        return _Use(known, bodies)
-    return _Use()
+        return _Use(known, used)
+    return _Use(keys=used) if turns else _Use()
 
 
 def _place_by_survey(names: Sequence[str], positions: Sequence[Surveyed]) -> dict[str, Any]:

@@ -401,6 +401,8 @@ def instantiate_detectors(
     alpha = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0 / tests
     shared: dict[str, Any] = settings.model_dump()
     shared |= {"positions_ecef_m": positions_ecef_m}
+    if isinstance(run, Run) and run.body is not None and run.body.antennas_m:
+        shared |= {"antennas_body_m": run.body.antennas_m, "antennas_body_sigma_m": run.body.antennas_sigma_m}
     detectors = []
     for name, cls in classes.items():
         defaults = cls().settings

@@ -79,7 +79,7 @@ class MultiReceiver:
         lacking = report.name_missing()
         if lacking:
             return lacking, memory
-        window = Window(report, self.settings, memory.learnt)
+        window = Window(report, self.settings.place_antennas(records), memory.learnt)
         found = _decide_groups(window)
         learnt = memory.learnt
         for e in found:

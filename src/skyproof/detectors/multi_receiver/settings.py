@@ -1,13 +1,17 @@
 """What a run states of its receivers and asks of the detector."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.detectors.multi_receiver.known_geometry import AntennaDistance, AntennaPlaces, StatedGeometry
 from skyproof.detectors.multi_receiver.one_antenna import TrackNoise
 from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.errors import SettingsError, require_probability
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.records import NavState, Records
 
 __all__ = ["MultiReceiverSettings"]
 
@@ -35,6 +39,8 @@ class MultiReceiverSettings:
     antennas_enu_m : where each receiver's antenna is, east, north, up of any common point; for the receivers that it
         names it replaces all of the above, and decides what they cannot.
     antennas_sigma_m : standard deviation of these places, on each axis.
+    antennas_body_m : (3,) of each receiver's antenna on one body, which is turned as its attitude in the window says.
+    antennas_body_sigma_m : of these places, on each axis.
     positions_ecef_m : (3,) of each receiver that was surveyed.
     unrelated_spread_m : delays of second signals that have nothing to do with each other spread over at least this.
     mistaken_probability : share of echoes among further signals that are called false one by one, under an attack.
@@ -54,6 +60,8 @@ class MultiReceiverSettings:
     antenna_distance_sigma_m: float | None = None
     antennas_enu_m: Mapping[str, tuple[float, float, float]] | None = None
     antennas_sigma_m: float = 0.1
+    antennas_body_m: Mapping[str, Reals] | None = None
+    antennas_body_sigma_m: float = 0.0
     positions_ecef_m: Mapping[str, Reals] | None = None
     unrelated_spread_m: float = 300.0
     mistaken_probability: float = 0.01
@@ -79,6 +87,29 @@ class MultiReceiverSettings:
             )
         return None
 
+    def place_antennas(self, records: Records) -> "MultiReceiverSettings":
+        """Return the settings with the antennas placed by their body's attitude in a window.
+
+        They are the same where places are given, the attitude is not known, or turns and its error leave the antennas
+        less well placed than codes show: their distance says more then.
+        """
+        state = next(iter(records.nav_state.values()), None)
+        if self.antennas_body_m is None or self.antennas_enu_m is not None or state is None or state.covariance is None:
+            return self
+        body_m = np.array(list(self.antennas_body_m.values()))
+        body_m = body_m - body_m[0]
+        middle = state.gpst.size // 2
+        turns_rad = _measure_turns_rad(state)
+        attitude_rad2 = float(np.linalg.eigvalsh(state.covariance[middle, 6:, 6:])[-1]) + float(np.mean(turns_rad**2))
+        arm_m = float(np.linalg.norm(body_m, axis=1).max())
+        sigma_m = float(np.hypot(self.antennas_body_sigma_m, arm_m * np.sqrt(attitude_rad2)))
+        if not sigma_m <= self.multipath_sigma_m:
+            return self
+        lat_rad, lon_rad, _ = geodetic_from_ecef(state.position_ecef_m[middle])
+        enu_m = body_m @ (rot_enu_ecef(lat_rad, lon_rad) @ state.attitude[middle]).T
+        places = dict(zip(self.antennas_body_m, map(tuple, enu_m.tolist()), strict=True))
+        return replace(self, antennas_enu_m=places, antennas_sigma_m=sigma_m)
+
     def noise(self, tests: int) -> TrackNoise:
         """Return the noise model for one of `tests` tests; a tenth of the rate goes to the unknown correlation."""
         white = self.correlation_max == 0.0
@@ -89,3 +120,9 @@ class MultiReceiverSettings:
             bound_m=self.error_bound_m,
             carrier_multipath_sigma_m=self.carrier_multipath_sigma_m,
         )
+
+
+def _measure_turns_rad(state: NavState) -> Reals:
+    """Measure by what angle (n,) the body is turned from where it is in the middle of a window."""
+    between = np.einsum("ji,njk->nik", state.attitude[state.gpst.size // 2], state.attitude)
+    return np.asarray(np.arccos(np.clip(0.5 * (np.trace(between, axis1=1, axis2=2) - 1.0), -1.0, 1.0)))
