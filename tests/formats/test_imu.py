@@ -256,7 +256,7 @@ def test_rates_in_degrees_are_noticed_by_tilts_and_turns(tmp_path, columns, word
 
 def test_gyros_that_turn_the_wrong_way_are_noticed(tmp_path):
     mirrored = {name: -column if "gyro" in name else column for name, column in make_sea_motion().items()}
-    with pytest.raises(InputError, match=r"\bother way"):
+    with pytest.raises(InputError, match=r"\bagainst the gyros\b"):
         read_imu(write_columns(tmp_path, mirrored))
 
 

@@ -8,7 +8,7 @@ from skyproof.records import Finding
 
 __all__ = ["ENTRIES"]
 
-_COUNT: Final = "{doubled} of {satellites} satellites in {receiver} have a second credible signal"
+_COUNT: Final = "{doubled} of {satellites} satellites in {receiver} have a credible second signal"
 
 
 def _describe_unlike_echoes(finding: Finding) -> str:

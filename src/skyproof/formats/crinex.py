@@ -271,7 +271,7 @@ class _Decoder(ABC):
         sats = [listed[3 * k : 3 * k + 3] for k in range(count)]
         texts = lines[position + 2 : end]
         if len(listed) != 3 * count or not all(map(_SAT.fullmatch, sats)) or len(set(sats)) < count:
-            raise _Lost("satellites that are no list of names")
+            raise _Lost("satellites that cannot be read as names")
         follows = lines[end][:1] if end < len(lines) and not _is_first_line(lines[end]) else ""
         if follows not in ("", " ", self.begins) or any(text.startswith(self.begins) for text in texts):
             raise _Lost("a line too many or too few")

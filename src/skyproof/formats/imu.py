@@ -239,17 +239,17 @@ def _require_turning(source: str, force: Reals, rate: Reals, steps: Integers, in
     remedy = "expected rad/s; multiply them by pi / 180"
     if slope > _SURE * sigma and _ALIKE[0] < np.degrees(slope) < _ALIKE[1]:
         raise InputError(
-            f"{source}: gravity turns in the accelerometers by {slope:.4f} of what the gyros say, as if these were in "
-            f"degrees a second, {remedy}"
+            f"{source}: gravity turns in the accelerometers by {slope:.4f} of the gyros' angles, as if the gyros "
+            f"were in degrees a second; {remedy}"
         )
     if fastest > _FASTEST_RAD_S:
         raise InputError(
-            f"{source}: the gyros say {fastest:.3g} for half a second, {fastest / (2.0 * np.pi):.1f} turns per second, "
+            f"{source}: the gyros read {fastest:.3g} for half a second, {fastest / (2.0 * np.pi):.1f} turns a second, "
             f"{remedy} if they are in degrees a second"
         )
     if -slope > _SURE * sigma and _ALIKE[0] < -slope < _ALIKE[1]:
         raise InputError(
-            f"{source}: gravity turns in the accelerometers the other way than the gyros say (slope {slope:.2f}, "
+            f"{source}: gravity turns in the accelerometers against the gyros (slope {slope:.2f}, "
             "expected 1): the axes of the two differ, or one has a wrong sign; give both in the same right-handed axes"
         )
 

@@ -454,7 +454,7 @@ def _parse_values(
 def _parse_ionosphere(record: _Record) -> Klobuchar:
     """Parse an ionosphere (RINEX 4.00, table A32): eight values from the third field of the first line on."""
     if len(record.lines) < 3:
-        raise ValueError(f"{len(record.lines)} lines of 3")
+        raise ValueError(f"{len(record.lines)} of its 3 lines are there")
     values = (
         *_parse_row(record.lines[0], 4 + _FIELD_WIDTH, 3),
         *_parse_row(record.lines[1], 4, 4),

@@ -249,7 +249,7 @@ class _Table:
         if shape[0] * shape[1] > EMPTY_CELLS + _FILLED * filled:
             raise InputError(
                 f"{header.source}: {shape[0]} epochs of {shape[1]} signals, of which {filled} cells are filled: the "
-                "file is damaged, or many files in one; give the file of one receiver and one day"
+                "file is damaged, or holds many files; give the file of one receiver and one day"
             )
         numbers = {kind: np.full(shape, np.nan) for kind in KINDS}
         strength, lost, half_open = np.zeros(shape, np.uint8), np.zeros(shape, np.bool_), np.zeros(shape, np.bool_)

@@ -52,12 +52,12 @@ class Platform(Model):
     def _agree(cls, receivers: tuple[PlatformReceiver, ...]) -> tuple[PlatformReceiver, ...]:
         names = [receiver.name or f"[{number}]" for number, receiver in enumerate(receivers)]
         for number in find_repeated(names):
-            raise ValueError(f"[{number}].name is {names[number]} once more; give each receiver its own")
+            raise ValueError(f"[{number}].name repeats {names[number]}; give each receiver a name of its own")
         files = [(number, path) for number, receiver in enumerate(receivers) for path in receiver.inputs]
         for at in find_repeated([path for _, path in files]):
             number, path = files[at]
             raise ValueError(
-                f"[{number}].inputs has {path.name} once more: two receivers that are one would look like signals from "
+                f"[{number}].inputs repeats {path.name}: two receivers that are one would look like signals from "
                 "one antenna; give each its own"
             )
         _require_one_place(receivers)

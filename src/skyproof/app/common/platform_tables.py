@@ -155,7 +155,7 @@ class PlatformReceiver(Model):
     @classmethod
     def _once_each(cls, inputs: tuple[Path, ...]) -> tuple[Path, ...]:
         for number in find_repeated(list(inputs)):
-            raise ValueError(f"[{number}] is {inputs[number].name} once more; give each antenna's own recording")
+            raise ValueError(f"[{number}] repeats {inputs[number].name}; give each antenna's own recording")
         return inputs
 
     @field_validator("antennas_m", "line_bias_cyc")

@@ -72,8 +72,8 @@ def read_catalogue(path: Path) -> list[CatalogueItem]:
         where = f"{path}: line {number}"
         if len(cells) > len(names):
             raise InputError(
-                f"{where}: {len(cells)} fields, but the first line names {len(names)} columns; several inputs are "
-                f'parted by ";", and a field that holds {_WORDS[delimiter]} stands in quotes: "a.obs;b.obs"'
+                f"{where}: {len(cells)} fields, but the first line names {len(names)} columns; separate several "
+                f'inputs by ";", and quote a field that holds {_WORDS[delimiter]}: "a.obs;b.obs"'
             )
         item = _item({name: cell.strip() for name, cell in zip(names, cells, strict=False) if cell.strip()}, where)
         if (taken := item.name.casefold()) in at:  # of folders, which some file systems tell apart by letters alone
