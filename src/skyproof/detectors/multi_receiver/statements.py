@@ -15,6 +15,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from skyproof.detectors.base import leave_open
 from skyproof.detectors.multi_receiver.known_geometry import GeometrySlip, consistency_p_value
 from skyproof.detectors.multi_receiver.policy import POLICY
@@ -53,11 +55,12 @@ class Statements:
             return e
         if test.p_value is not None:
             return _add_causes(e, self._list_doubts(test))
-        true = all((test.key, ref.receiver) in self.borne_out for ref in e.signals)
+        turned = self._list_turned(test)
+        true = not turned and all((test.key, ref.receiver) in self.borne_out for ref in e.signals)
         slips = [slip for slip in self._list_fitting(test) if not true or slip.code == _TURNED]
-        if not slips and (true or not self._is_near_enough(test)):
+        if not turned and not slips and (true or not self._is_near_enough(test)):
             return e
-        causes = self._causes(slips) or (self._build_unlisted(test),)
+        causes = turned or self._causes(slips) or (self._build_unlisted(test),)
         if e.says == "undecided":
             return _add_causes(e, causes)
         other_causes: dict[Cause, float] = {cause: p for cause, p in e.p.items() if cause is not Cause.CLEAN}
@@ -88,6 +91,24 @@ class Statements:
         if borne_out or least >= self.settings.accept_probability:
             return ()
         return self._causes(self._list_fitting(test)) or (self._build_unlisted(test),)
+
+    def _list_turned(self, test: StatementTest) -> tuple[WrongStatement, ...]:
+        """Return that the attitude may be wrong, where it places the antennas and they show their distances.
+
+        No window bears out the attitude of another one.
+        """
+        body_m, shown = self.settings.antennas_body_m, test.shown
+        if body_m is None or self.settings.antennas_enu_m is not None or shown is None:
+            return ()
+        first_m = body_m[test.receivers[0]]
+        apart_m = [float(np.linalg.norm(body_m[name] - first_m)) for name in test.receivers[1:]]
+        own_m = float(np.sqrt(2.0)) * self.settings.antennas_body_sigma_m
+        fits = all(
+            abs(d_m - true_m) <= POLICY.statement_sigmas * float(np.hypot(sigma_m, own_m))
+            for (d_m, sigma_m), true_m in zip(shown.distances_m, apart_m, strict=True)
+        )
+        words = "the antennas are as far apart as stated in another direction: the attitude is wrong"
+        return (WrongStatement(code=_TURNED, about="attitude", words=words, value=None),) if fits else ()
 
     def _causes(self, slips: Iterable[GeometrySlip]) -> tuple[WrongStatement, ...]:
         return tuple(WrongStatement(code=s.code, about=s.about, words=s.words, value=s.value or None) for s in slips)
