@@ -39,7 +39,7 @@ class Decision:
     without_fix_s : receivers that received too few signals for a fix for more than a moment, and for how long; of an
         authentic run, too few authentic ones.
     alone_s : of an authentic run, receivers that were recorded for more than a moment while another was not and that
-        nothing vouches for then, and for how long.
+        nothing confirms then, and for how long.
     interference : of all receivers, in the order of its onset; None if no test looked for it.
     skies : under an attack that leaves open which signals of a receiver are true, its consistent sets of signals,
         linked over the windows; each is one position and time. None of a receiver with named false signals.

@@ -6,8 +6,8 @@ one such window to the next. A channel can be captured without a slip, so that w
 what it followed long before. Where windows contradict each other the signal was captured and its life is cut there;
 where one window contradicts itself the label is unknown.
 
-A window in which a test of the signal failed (its p-value is below what it was asked for, and it says "undecided")
-is not silent: true and false signals may be mixed in it. What was authentic before is open there, unless the
+A window in which a test of the signal failed (its p-value is below its false-alarm probability, and it says
+"undecided") is not silent: true and false signals may be mixed in it. What was authentic before is open there, unless the
 window itself has evidence for nearly all of the signals that failed together, that they are authentic or that they are
 false. Not even that helps where the test overrules the others, unless false signals are named in the window.
 """

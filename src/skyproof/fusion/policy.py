@@ -89,7 +89,7 @@ class FusionPolicy:
         "s",
         "Half a usual window: what is received for less no window speaks for, nor does a false alarm live longer.",
     )
-    counted_share: float = number(0.5, "1", "Of a shorter recording so much, likewise.")
+    counted_share: float = number(0.5, "1", "The same share of a shorter recording.")
     longer_windows: float = number(1.01, "1", "Longer than the longest window, by more than labels of epochs are off.")
     # When false signals came
     hidden_chips: float = number(

@@ -17,8 +17,8 @@ __all__ = ["Kind", "Unexplained", "unexplained"]
 Kind = Literal["double", "echo", "rival", "misfit", "untested"]
 """double : beside another one of its satellite, where it is open which of them is true.
 echo : beside an authentic signal of its satellite, later and weaker: a reflection would explain it.
-rival : beside one, but earlier or stronger: no reflection is. Likewise of two of a satellite that are both unknown,
-    the one found later, unless the weaker of them is the later one.
+rival : beside one, but earlier or stronger: no reflection is. Of two unknown signals of a satellite, the one found
+    later, unless the weaker of them is the later one.
 misfit : the only signal of its satellite there, in a test that failed: a fault, an echo alone or an imitation.
 untested : the only one of its satellite, and nothing spoke of it: received by one receiver only, or too shortly.
 """

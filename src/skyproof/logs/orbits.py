@@ -67,7 +67,7 @@ class OrbitCollector:
 
     Of each satellite and message the latest part of each number is kept; whenever they make a data set that was not
     there before it is added. Times of week count to the nearest week of when the frame came. What a satellite sends
-    anew, of its orbit and of UTC, is kept with when it came, and so are frames whose time of week is not that of the
+    again, of its orbit and of UTC, is kept with when it came, and so are frames whose time of week is not that of the
     receiver.
     """
 

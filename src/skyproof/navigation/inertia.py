@@ -96,7 +96,7 @@ def coast(
     to be true.
 
     tilt_most_rad, turn_most_rad : one sigma at which the states end, of angles about level axes and about any. Where
-        position and velocity are of no account, only the latter, of `TURN_MOST_RAD`, matters.
+        position and velocity do not matter, only the latter, of `TURN_MOST_RAD`, does.
     further : of k more states, as in `propagate_covariance`.
     """
     whole = _fill_gaps(readings, run.state.gpst[-1])

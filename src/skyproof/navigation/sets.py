@@ -214,16 +214,16 @@ def _reassign_signals(
         sizes = np.bincount(dealt[dealt >= 0], minlength=len(found))
         if np.any(sizes < min_satellites):
             break
-        anew = [
+        solved = [
             solve(measurements, np.flatnonzero(dealt == k)[None, :], found[k].state_m, rounds=2)
             for k in range(len(found))
         ]
         limits = chi_square_threshold(false_alarm_probability, sizes - 4)
         if not all(
-            c.statistic[0] <= t and is_plausible(c.state_m[:, :3])[0] for c, t in zip(anew, limits, strict=True)
+            c.statistic[0] <= t and is_plausible(c.state_m[:, :3])[0] for c, t in zip(solved, limits, strict=True)
         ):
             break
-        found = anew
+        found = solved
     return found
 
 

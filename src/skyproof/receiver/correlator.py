@@ -1,6 +1,6 @@
 """Correlate one code period of one signal with any number of replicas: several delays, several Dopplers, in one pass.
 
-Four things keep a sample cheap (`bench/kernel.py` measures them; docs/design/receiver.md lists what was left out):
+Four things keep a sample cheap (`bench/kernel.py` measures them; docs/design/receiver.md lists what is omitted):
 
 - The samples are worked through in chunks. Within one, the carrier is wiped off with a table of rotations that is
   rebuilt when the frequency changes; what the carrier had turned by until the chunk began turns the sums, not the

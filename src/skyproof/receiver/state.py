@@ -75,8 +75,8 @@ class ReceiverState:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StepOutput:
     """What a step gives: measurements, the arcs that were followed as they stand, gaps that were bridged, the
-    correlation grids that were asked for. unheld : rows of guided channels by what they show without a phase
-    (`noncoherent`): for the filter that guides them, and no measurements.
+    requested correlation grids. noncoherent : rows of guided channels without a phase, for the filter that guides
+    them; they are no measurements.
     """
 
     measurements: Measurements

@@ -284,7 +284,7 @@ def scenarios(settings: StudySettings) -> Iterator[Row]:
 def _power(apart: Reals, covariance: Reals, test: str) -> float:
     """Compute the power of a test.
 
-    The paper's statistic under errors is chi-square stretched by how much they add, nearly the same in all directions.
+    The paper's statistic under errors is chi-square scaled by how much they add, nearly the same in all directions.
     """
     stretch = float(np.trace(np.linalg.solve(WHITE, covariance))) / 2.0 if test == "paper" else 1.0
     return float(noncentral_chi_square_survival(THRESHOLD / stretch, 2, mahalanobis_squared(apart, covariance)))

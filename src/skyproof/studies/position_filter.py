@@ -450,9 +450,9 @@ class _Problem:
         carried_at = self.state.carried[self.index]
         away_s = (self.state.gpst - carried_at) / np.timedelta64(1, "s")
         slip = self.rows.slip[self.row, self.columns]
-        anew = slip | ~(away_s <= self.settings.max_gap_s)  # NaN, too
+        restarts = slip | ~(away_s <= self.settings.max_gap_s)  # NaN, too
         for line in np.arange(self.of.size)[self.carriers]:
-            if anew[self.of[line]]:
+            if restarts[self.of[line]]:
                 self._begin_arc(line)
 
     def _begin_arc(self, line: int) -> None:

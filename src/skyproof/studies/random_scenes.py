@@ -57,7 +57,7 @@ class DrawnAttack:
     transmit_enu_m : of the focus antenna at the scene's start. rides : whether it moves with the receivers.
     noise_db : of its own noise over the receiver's. jam_s : of noise alone before the onset.
     place : how the false place was chosen; away_enu_m : that place from the focus's true one.
-    drawn_off_s : of a takeover, from the first offset to all of it; at_s : after the onset.
+    drag_s : of a takeover, from the first offset to all of it; at_s : after the onset.
     late_s, drift : of the false time.
     n_sats : how many are imitated, None for all. others_enu_m : further transmit antennas, which share them.
     """
@@ -75,7 +75,7 @@ class DrawnAttack:
     place: Literal["true", "near", "random", "sphere"]
     away_enu_m: Vector
     held_s: float
-    drawn_off_s: float
+    drag_s: float
     clock: Literal["true", "within a chip", "far", "drift"]
     late_s: float
     drift: float
@@ -264,7 +264,7 @@ def _attack(
         place=place,
         away_enu_m=away,
         held_s=float(rng.uniform(0.0, 8.0)),
-        drawn_off_s=max(math.hypot(*away) / _log_uniform(rng, 1.0, 100.0), 2.0),
+        drag_s=max(math.hypot(*away) / _log_uniform(rng, 1.0, 100.0), 2.0),
         clock=clock,
         late_s=late_s,
         drift=float(rng.choice([-1.0, 1.0])) * _log_uniform(rng, 1e-9, 1e-7) if clock == "drift" else 0.0,
@@ -458,7 +458,7 @@ def _transmitters(drawn: DrawnScene, attack: DrawnAttack, under: Scene) -> tuple
         )
     else:
         begin_s = attack.onset_s + attack.held_s
-        end_s = begin_s + attack.drawn_off_s
+        end_s = begin_s + attack.drag_s
         clock_s = ((begin_s, 0.0), (begin_s + max(abs(attack.late_s) / 1e-7, 2.0), attack.late_s))
         made = Takeover(
             **common,

@@ -97,7 +97,7 @@ def signature_of(phase_cyc: Reals, sigma_cyc: Reals, noise_rms: Reals) -> Comple
 def filtered(samples: Samples, signatures: Signatures | None = None, *, block_s: float = BLOCK_S) -> Samples:
     """A recording of several antennas without what stands above their noise, and without the sources named.
 
-    The antennas of what is returned are combinations of those of `samples`: phases between them say nothing of
+    The antennas of what is returned are combinations of those of `samples`: phases between them give no
     directions. A stretch read is the same whatever was read before.
 
     Raises ValueError for one antenna; when read, for sources that leave nothing.

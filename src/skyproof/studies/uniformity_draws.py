@@ -1,7 +1,7 @@
 """p-values of every test under its null hypothesis: each function draws as many as asked, (n,).
 
 The nulls are those that the tests are for: false signals of one antenna where "one antenna" is rejected, a true sky
-where that is, noise as stated. Where a null is not the one that a test was made for, the name says so.
+where that is, noise as stated. A null that the test was not made for is in the name.
 """
 
 from collections.abc import Callable

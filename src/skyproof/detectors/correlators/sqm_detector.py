@@ -160,8 +160,8 @@ def _test_signals(taps: Taps, multipath_sigma_m: float) -> list[_Signal]:
     value = taps.value[:, :, int(np.argmin(np.abs(taps.dopplers_hz)))]
     tracked: Booleans = np.asarray(np.isfinite(value).all(axis=2))
     for column in np.flatnonzero(tracked.any(axis=0)):
-        rivals = [k for k, s in enumerate(taps.signals) if s.transmission == taps.signals[column].transmission]
-        looks = _longest_run(value[:, column], tracked[:, column] & (tracked[:, rivals].sum(axis=1) == 1))
+        alternatives = [k for k, s in enumerate(taps.signals) if s.transmission == taps.signals[column].transmission]
+        looks = _longest_run(value[:, column], tracked[:, column] & (tracked[:, alternatives].sum(axis=1) == 1))
         if len(looks) < POLICY.least_looks:
             continue
         allowed = reflection_amplitude(multipath_sigma_m, early_chips, taps.signals[column].plan.chip_m)

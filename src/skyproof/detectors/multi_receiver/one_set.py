@@ -73,8 +73,8 @@ def _test_against(window: Window, pairing: Pairing, geometry: AntennaGeometry, p
     steady = pairing.noise_m <= pairing.noise.bound_m
     learnt = isinstance(geometry, LearntDistance)  # antennas may have moved apart since
     found = _find_agreeing_pairs(window, pairing) if len(pairing.sets) > 2 else []
-    vouched = {ref for finding in found for ref in finding.signals}
-    rest = tuple(ref for ref in pairing.subject if ref not in vouched)
+    confirmed = {ref for finding in found for ref in finding.signals}
+    rest = tuple(ref for ref in pairing.subject if ref not in confirmed)
     if not rest:
         return found
     p_attack = min(1.0, p_known + window.p_of_echoes({ref.receiver for ref in rest}, pairing))

@@ -78,9 +78,9 @@ class _Followed:
         if len(self.run.parts) < 2 or not any(part.open for part in self.run.parts):
             return []
         accept = self.window.settings.accept_probability
-        rivals = [row for row in everything if row is not self and row.pairing.kinds & self.pairing.kinds]
+        alternatives = [row for row in everything if row is not self and row.pairing.kinds & self.pairing.kinds]
         if self.agrees:
-            return [] if any(row.agrees for row in rivals) else self._find_authentic()
+            return [] if any(row.agrees for row in alternatives) else self._find_authentic()
         could_be = self.window.one_choice and self.tests * float(self.joined[0].one_antenna.p_value) >= accept
         return self._find_spoofed() if could_be else []
 

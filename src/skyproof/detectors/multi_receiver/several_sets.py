@@ -37,8 +37,8 @@ def _is_contested(window: Window, pairing: Pairing, could_be: Sequence[Pairing])
     then if every pairing that agrees with the known antenna geometry shares signals with it.
     """
     alpha = window.settings.false_alarm_probability
-    rivals = (other for other in could_be if other is not pairing and other.takes & pairing.takes)
-    if any(compare_pairings(other, pairing).p_value >= alpha for other in rivals):
+    alternatives = (other for other in could_be if other is not pairing and other.takes & pairing.takes)
+    if any(compare_pairings(other, pairing).p_value >= alpha for other in alternatives):
         return True
     skies = _select_agreeing(window, [p for p in window.pairings if p.kinds & pairing.kinds])
     return bool(skies) and all(sky.takes & pairing.takes for sky in skies)
@@ -70,17 +70,17 @@ def _shows_one_place(window: Window, pairing: Pairing) -> bool:
 def _test_false_group(window: Window, pairing: Pairing, false: list[Pairing], *, decided: bool) -> Finding | None:
     """Name a pairing that comes from one antenna; None if it does not.
 
-    decided : the other sets make one sky, so the other false groups are no rivals."""
+    decided : the other sets make one sky, so the other false groups are no alternatives."""
     alpha = window.settings.false_alarm_probability
-    rivals = [p for p in window.pairings if p is not pairing and not (decided and p in false)]
-    tests = [compare_pairings(rival, pairing) for rival in rivals]
+    alternatives = [p for p in window.pairings if p is not pairing and not (decided and p in false)]
+    tests = [compare_pairings(alternative, pairing) for alternative in alternatives]
     worst = max(tests, key=lambda test: float(test.p_value), default=None)
     # With two skies in every receiver one of the pairings is false altogether; with fewer it may have been missed.
     complete = all(len(sets) >= 2 for sets in window.sets.values())
     if complete and worst is not None and worst.p_value < alpha:
         contrast: dict[str, Datum] = {
             "scatter_m": float(pairing.scatter_m),
-            "others_m": float(min(p.scatter_m for p in rivals)),
+            "others_m": float(min(p.scatter_m for p in alternatives)),
             "statistic": float(worst.statistic),
             "threshold": float(worst.threshold(alpha)),
             "log_likelihood_ratio": float(worst.log_likelihood_ratio),
