@@ -7,9 +7,9 @@ what it followed long before. Where windows contradict each other the signal was
 where one window contradicts itself the label is unknown.
 
 A window in which a test of the signal failed (its p-value is below its false-alarm probability, and it says
-"undecided") is not silent: true and false signals may be mixed in it. What was authentic before is open there, unless the
-window itself has evidence for nearly all of the signals that failed together, that they are authentic or that they are
-false. Not even that helps where the test overrules the others, unless false signals are named in the window.
+"undecided") is not silent: true and false signals may be mixed in it. What was authentic before is open there, unless
+the window itself has evidence for nearly all of the signals that failed together, that they are authentic or that
+they are false. Not even that helps where the test overrules the others, unless false signals are named in the window.
 """
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
