@@ -24,7 +24,7 @@ from skyproof.simulator import Site, load_ready_made
 from skyproof.studies import studies
 
 ROOT = Path(__file__).resolve().parents[2]
-NOT_GIVEN = "not given"
+NOT_GIVEN = "–"
 WRITTEN = "skyproof.verdict"
 """Documents of this module are read by users and written by the package: their defaults help nobody."""
 BESIDES = " besides"
