@@ -22,8 +22,9 @@ from skyproof.app.receive.inputs import open_inputs, require_recordings
 from skyproof.app.receive.tracker import track
 from skyproof.compiled import on_compiled
 from skyproof.decomposition.fit import bins_dictionary, decompose, taps_dictionary
-from skyproof.detectors.dccaf.bursts import build_shapes, fit_components
+from skyproof.detectors.dccaf.bursts import Decomposed, build_shapes, fit_components, whiten_taps
 from skyproof.detectors.dccaf.inverse_raim import find_passing_sets
+from skyproof.detectors.dccaf.skies_fit import fit_skies
 from skyproof.formats.layout import Chunk, PackedSamples, Packing
 from skyproof.gnss.ephemeris import GlonassEphemeris
 from skyproof.gnss.nominal import make_nominal_constellation
@@ -74,8 +75,19 @@ def _run_overlaps() -> None:
     noise = rng.standard_normal((2, 2, 21)) + 1j * rng.standard_normal((2, 2, 21))
     decompose(noise[:, 0], delays)
     decompose(noise, delays, bins_dictionary(0.02, (0.0, 25.0), within_hz=60.0))
-    bursts = rng.standard_normal((1, 4, 9)) + 1j * rng.standard_normal((1, 4, 9))
-    fit_components(bursts, build_shapes(GPS_L1_CA, 7, tuple(np.linspace(-1.0, 1.0, 9)), 2e6, 1.0), np.ones((1, 4)))
+    taps, noise_variance, n = rng.normal(0.0, 50.0, (4, 9)) + 1j * rng.normal(0.0, 50.0, (4, 9)), np.ones(4), 5
+    code_shapes = build_shapes(GPS_L1_CA, 7, tuple(np.linspace(-1.0, 1.0, 9)), 2e6, 1.0)
+    found = fit_components(taps[None], code_shapes, noise_variance[None])
+    fit_skies(
+        [Decomposed(whiten_taps(taps, code_shapes, noise_variance), code_shapes, found)] * n,
+        rng.standard_normal((n, 3)),
+        np.zeros(n),
+        np.ones(n),
+        np.full(n, GPS_L1_CA.chip_m),
+        window_chips=1.0,
+        set_probability=1e-3,
+        most_doubt=1e-3,
+    )
 
 
 def _run_positions() -> None:

@@ -20,6 +20,7 @@ JOBS: Final[Mapping[str, tuple[str, ...]]] = {
     "overlaps": (
         "decomposition.kernels",
         "detectors.dccaf.bursts",
+        "detectors.dccaf.skies_fit",
     ),
     "receiver": (
         "formats.layout",

@@ -17,6 +17,7 @@ signal explains more than none, and what it explains more than the best pair who
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +30,7 @@ from skyproof.gnss.signals import SignalPlan
 
 __all__ = [
     "BurstComponents",
+    "Decomposed",
     "Shapes",
     "autocorrelate_code",
     "build_shapes",
@@ -36,6 +38,7 @@ __all__ = [
     "fit_components",
     "interpolate_taps",
     "joint_p_value",
+    "whiten_taps",
 ]
 
 _POINTS = 512
@@ -173,15 +176,16 @@ def joint_p_value(statistic: ArrayLike, intervals: int, path: float, noise_sampl
 class BurstComponents:
     """One signal, and two, of each burst (n,).
 
-    one_chips, one_sigma : (n,) delay of the signal, if it is one. two_chips : (n, 2) of two, the stronger first;
-    two_variance : (n, 2). at_edge : (n,) whether they lie at an edge of what is searched, as near as two may be or as
-    far off as any: then their variance is none.
+    one_chips, one_sigma : (n,) delay of the signal, if it is one; alone : (n,) Q1, what it explains. two_chips : (n, 2)
+    of two, the stronger first; two_variance : (n, 2). at_edge : (n,) whether they lie at an edge of what is searched,
+    as near as two may be or as far off as any: then their variance is none.
     two_energy : (n, 2) mean square amplitude in units of the noise's variance.
     second : (n,) 2 (Q2 - Q1), what a second signal explains. unlike : (n,) 2 (Q2 - Q_reflection), at most `second`.
     """
 
     one_chips: Reals
     one_sigma: Reals
+    alone: Reals
     two_chips: Reals
     two_variance: Reals
     at_edge: Booleans
@@ -190,13 +194,26 @@ class BurstComponents:
     unlike: Reals
 
 
+class Decomposed(NamedTuple):
+    """One channel over a burst: its intervals (k, d) in white noise of variance one, its shapes, and what was found."""
+
+    white: Complexes
+    shapes: Shapes
+    found: BurstComponents
+
+
+def whiten_taps(taps: Complexes, own: Shapes, noise_variance: Reals) -> Complexes:
+    """Transform intervals (..., m) to white noise of variance one (..., d); `noise_variance` (...)."""
+    return np.asarray(np.asarray(taps, np.complex128) @ own.whiten.T / np.sqrt(noise_variance)[..., None])
+
+
 def fit_components(taps: Complexes, own: Shapes, noise_variance: Reals) -> BurstComponents:
     """Fit one signal and two to bursts (n, intervals, m) of one satellite at the tracked Doppler.
 
     `noise_variance` is (n, intervals).
     """
     n = len(taps)
-    white = np.asarray(taps, np.complex128) @ own.whiten.T / np.sqrt(noise_variance)[..., None]
+    white = whiten_taps(taps, own, noise_variance)
     step = max(round(min(0.1 / own.band_cycles, 0.08) / _STEP_CHIPS), 1)
     out = np.empty((n, _N_OUT))
     _fit_all(
@@ -214,6 +231,7 @@ def fit_components(taps: Complexes, own: Shapes, noise_variance: Reals) -> Burst
     return BurstComponents(
         one_chips=out[:, 1],
         one_sigma=np.sqrt(out[:, 2]),
+        alone=out[:, 0],
         two_chips=each[0],
         two_variance=each[1],
         at_edge=out[:, 11] > 0.0,

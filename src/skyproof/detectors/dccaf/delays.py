@@ -5,7 +5,7 @@ at all is also asked of all bursts together: a false signal within a tenth of a 
 one burst, and by turning phases in several.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,8 +14,7 @@ from scipy import special
 
 from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.decomposition.fit import combine_bins, taps_dictionary
-from skyproof.detectors.dccaf.bursts import BurstComponents, Shapes, build_shapes, fit_components, joint_p_value
-from skyproof.detectors.dccaf.policy import POLICY
+from skyproof.detectors.dccaf.bursts import Decomposed, build_shapes, fit_components, joint_p_value, whiten_taps
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import prn_of
@@ -61,16 +60,16 @@ class DccafSettings:
 
 class Delays(NamedTuple):
     """delay_chips, sigma_chips (channels, 2): NaN for a second signal that is not there. Strongest first. p_value
-    (channels,) of "one signal"; unlike_p_value (channels,) of "one signal, or a signal and its reflection". apart
-    (channels,) : two whose sigmas hold, for they differ by more than their noise; nearer ones may be two sides of one
-    peak, with amplitudes that cancel. weaker_db (channels,) : the second one."""
+    (channels,) of "one signal"; unlike_p_value (channels,) of "one signal, or a signal and its reflection".
+    decomposed : the channels, from the mean of the burst's zeros, which lies `moved_chips` (channels,) after that of
+    the last epoch."""
 
     delay_chips: Reals
     sigma_chips: Reals
     p_value: Reals
     unlike_p_value: Reals
-    apart: Booleans
-    weaker_db: Reals
+    decomposed: Mapping[int, Decomposed]
+    moved_chips: Reals
 
 
 def last_burst(ccaf: Ccaf) -> Integers:
@@ -100,22 +99,18 @@ def estimate_delays(ccaf: Ccaf, epochs: Integers, settings: DccafSettings) -> De
     n, whole = len(ccaf.signals), _is_complete(ccaf)[epochs].all(axis=0)
     whole = whole & np.array([signal.plan.has_code for signal in ccaf.signals], np.bool_)
     delay, sigma = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
-    p_value, unlike, weaker_db = np.full((3, n), np.nan)
-    apart = np.zeros(n, np.bool_)
+    p_value, unlike = np.full((2, n), np.nan)
+    decomposed: dict[int, Decomposed] = {}
     moved = _zero_motion_chips(ccaf, epochs)
     for row in np.flatnonzero(whole).tolist():
-        found, code_shapes = _decompose(ccaf, epochs, row, settings)
-        law = len(epochs), code_shapes.path, ccaf.noise_samples
+        decomposed[row] = _decompose(ccaf, epochs, row, settings)
+        found, law = decomposed[row].found, (len(epochs), decomposed[row].shapes.path, ccaf.noise_samples)
         p_value[row] = joint_p_value(found.second, *law)[0]
         unlike[row] = joint_p_value(found.unlike, *law)[0]
         delay[row, 0], sigma[row, 0] = found.one_chips[0], found.one_sigma[0]
         if p_value[row] < settings.second_signal_probability / whole.sum():
             delay[row], sigma[row] = found.two_chips[0], np.sqrt(found.two_variance[0])
-            noise = POLICY.apart_sigmas * np.sqrt(found.two_variance[0].sum())
-            strong, weak = np.maximum(found.two_energy[0], 1e-9)
-            weaker_db[row] = 10.0 * np.log10(strong / weak)
-            apart[row] = not found.at_edge[0] and abs(delay[row, 1] - delay[row, 0]) > noise
-    return Delays(delay + moved[:, None], sigma, p_value, unlike, apart, weaker_db)
+    return Delays(delay + moved[:, None], sigma, p_value, unlike, decomposed, moved)
 
 
 def select_second_signals(found: Delays, others: Sequence[Delays], settings: DccafSettings) -> Booleans:
@@ -133,8 +128,8 @@ def select_second_signals(found: Delays, others: Sequence[Delays], settings: Dcc
     return np.asarray(estimated & ((found.p_value < level) | (together < level)))
 
 
-def _decompose(ccaf: Ccaf, epochs: Integers, row: int, settings: DccafSettings) -> tuple[BurstComponents, Shapes]:
-    """Decompose one channel over a burst; return the components and its signal's shapes."""
+def _decompose(ccaf: Ccaf, epochs: Integers, row: int, settings: DccafSettings) -> Decomposed:
+    """Decompose one channel over a burst."""
     points, signal = tuple(float(x) for x in ccaf.delays_chips), ccaf.signals[row]
     grid = np.asarray(ccaf.value[epochs, row], np.complex128)
     noise = np.asarray(ccaf.noise_variance[epochs, row], np.float64)
@@ -144,7 +139,9 @@ def _decompose(ccaf: Ccaf, epochs: Integers, row: int, settings: DccafSettings) 
         taps, factor, _ = combine_bins(grid, table, ccaf.dopplers_hz, ccaf.coherent_s)
         noise = factor * noise
     code_shapes = build_shapes(signal.plan, prn_of(signal.sat), points, ccaf.band_hz, settings.window_chips)
-    return fit_components(taps[None], code_shapes, noise[None]), code_shapes
+    return Decomposed(
+        whiten_taps(taps, code_shapes, noise), code_shapes, fit_components(taps[None], code_shapes, noise[None])
+    )
 
 
 def _zero_motion_chips(ccaf: Ccaf, epochs: Integers) -> Reals:

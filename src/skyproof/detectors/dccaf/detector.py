@@ -28,7 +28,7 @@ from skyproof.detectors.dccaf.delays import (
 )
 from skyproof.detectors.dccaf.inverse_raim import find_passing_sets, find_second_subset, set_states
 from skyproof.detectors.dccaf.policy import POLICY
-from skyproof.detectors.dccaf.two_skies import TwoSkies, find_two_skies
+from skyproof.detectors.dccaf.skies_fit import FittedSkies, fit_skies
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.chance import bound_chance_p_value, count_set_combinations
@@ -60,15 +60,16 @@ where fading signals lose some."""
 
 class _Sky(NamedTuple):
     """Satellites of one epoch around a fix: unit vectors in ECEF (n, 3) to them, misfits (n, 2) of their signals,
-    sigmas (n,), channels (n,), the fix: place (3,) and clock; and the longest chip of their signals."""
+    sigmas (n,), of them what all intervals share (n,), channels (n,), chips (n,); the fix: place (3,) and clock."""
 
     unit: Reals
     misfit_m: Reals
     sigma_m: Reals
+    systematic_m: Reals
     rows: Any
+    chip_m: Reals
     place_ecef_m: Reals
     clock_m: float
-    chip_m: float
 
 
 class Dccaf:
@@ -127,7 +128,7 @@ class Dccaf:
             data |= of_sky
             product = p_value * p_sky
             p_value = min(1.0, 2.0 * min(p_value, product * (1.0 - float(np.log(product)))))
-        skies = self._list_overlapping(navigation, ccaf, bursts) if doubles >= POLICY.sky_satellites else ()
+        skies = self._list_overlapping(navigation, ccaf, bursts)
         seen = (
             "as_reflections" if doubles >= POLICY.sky_satellites else "few_second_signals"
         )  # a few are under most skies
@@ -146,21 +147,22 @@ class Dccaf:
         skies: list[OverlappingSkies] = []
         for epoch, found in bursts:
             first = _select_first(ccaf, found)
-            sky = self._compute_sky(navigation, ccaf, epoch, found, first[found.apart[first]])
-            two = None
-            if sky is not None:
-                two = find_two_skies(
-                    sky.unit,
-                    sky.misfit_m,
-                    sky.sigma_m,
-                    window_m=2.0 * self.settings.window_chips * sky.chip_m,
-                    set_probability=self.settings.set_probability,
-                    most_doubt=self.settings.wrong_choice_probability,
-                )
-            if sky is not None and two is not None:
-                reflected = _reflection_probabilities(
-                    sky, two, found.weaker_db[sky.rows], self.settings.no_reflection_probability
-                )
+            sky = self._compute_sky(navigation, ccaf, epoch, found, first)
+            if sky is None:
+                continue
+            from_zero_chips = found.delay_chips[sky.rows, 0] - found.moved_chips[sky.rows]
+            two = fit_skies(
+                [found.decomposed[row] for row in sky.rows.tolist()],
+                sky.unit,
+                sky.misfit_m[:, 0] - from_zero_chips * sky.chip_m,
+                sky.systematic_m,
+                sky.chip_m,
+                window_chips=self.settings.window_chips,
+                set_probability=self.settings.set_probability,
+                most_doubt=self.settings.wrong_choice_probability,
+            )
+            if two is not None:
+                reflected = _reflection_probabilities(two, self.settings.no_reflection_probability)
                 skies.append(
                     OverlappingSkies(sets=_build_sets(ccaf, epoch, sky, two), doubt=two.doubt, reflected=reflected)
                 )
@@ -184,7 +186,7 @@ class Dccaf:
         p_value = float(
             bound_chance_p_value(
                 sky.sigma_m[rows],
-                window_m=2.0 * self.settings.window_chips * sky.chip_m,
+                window_m=2.0 * self.settings.window_chips * float(sky.chip_m.max()),
                 largest_statistic=chi_square_threshold(probability, len(rows) - 4),
                 combinations=count_set_combinations(np.isfinite(misfit_m).sum(axis=1) - 1, len(rows)),
             )
@@ -234,10 +236,11 @@ class Dccaf:
             unit,
             np.stack((first, second), axis=1),
             total_m,
+            np.hypot(self.settings.multipath_sigma_m, delays.sigma_m),
             rows,
+            chip_m[rows],
             state_m[:3],
             float(state_m[3]),
-            float(chip_m[rows].max()),
         )
 
 
@@ -253,26 +256,28 @@ def _select_first(ccaf: Ccaf, found: Delays | None) -> Integers:
     return np.array(sorted(rows.values()), np.int64)
 
 
-def _reflection_probabilities(sky: _Sky, two: TwoSkies, weaker_db: Reals, chance: float) -> tuple[float, ...]:
+def _reflection_probabilities(two: FittedSkies, chance: float) -> tuple[float, ...]:
     """Compute how probably reflections explain each sky: as reflections of the other one, or the other way round.
 
     How many signals of a sky are before the other one's, or not weak enough, is binomial if they are its reflections;
-    `chance` : that one is. A mirror's image fits a position; but where the receiver is expected only those of several
-    walls are, which fit by chance.
+    `chance` : that one is. Satellites whose signals nearly coincide show neither. A mirror's image fits a position; but
+    where the receiver is expected only those of several walls are, which fit by chance.
     """
-    n = len(two.choice)
-    late_m = sky.misfit_m[:, 1] - sky.misfit_m[:, 0]
-    unlike = np.stack((np.ones(n, np.bool_), (late_m < 0.0) | (weaker_db < POLICY.reflected_weaker_db)), axis=1)
-    counts = [int(unlike[np.arange(n), other].sum()) for other in (1 - two.choice, two.choice)]
-    made = np.array([float(binomial_survival(count, n, chance)) for count in counts])
+    n = int(two.apart.sum())
+    if n < POLICY.sky_satellites:
+        return 1.0, 1.0
+    late_m, weaker_db, sigma_m = two.late_m[two.apart], two.weaker_db[two.apart], two.sigma_m[two.apart]
+    second = int(((late_m < 0.0) | (weaker_db < POLICY.reflected_weaker_db)).sum())
+    first = int(((late_m > 0.0) | (weaker_db > -POLICY.reflected_weaker_db)).sum())
+    made = np.array([float(binomial_survival(count, n, chance)) for count in (second, first)])
     fits = [
-        float(bound_chance_p_value(sky.sigma_m, window_m=np.abs(late_m).max(), largest_statistic=statistic))
-        for statistic in two.statistic
+        float(bound_chance_p_value(sigma_m[:, k], window_m=np.abs(late_m).max(), largest_statistic=statistic))
+        for k, statistic in enumerate(two.statistic)
     ]
     return tuple((made + made[::-1] * fits).tolist())
 
 
-def _build_sets(ccaf: Ccaf, epoch: int, sky: _Sky, two: TwoSkies) -> tuple[ConsistentSet, ...]:
+def _build_sets(ccaf: Ccaf, epoch: int, sky: _Sky, two: FittedSkies) -> tuple[ConsistentSet, ...]:
     """Build consistent sets of both skies of an epoch, of the channels that they were found in."""
     signals = tuple(sorted(ccaf.signals[row] for row in sky.rows))
     return tuple(

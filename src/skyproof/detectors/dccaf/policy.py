@@ -23,6 +23,9 @@ class DccafPolicy:
     signal_probability: float = number(
         1e-4, "1", "Chosen: a satellite shows a second signal that no reflection explains by chance so rarely."
     )
+    most_condition: float = number(
+        1e3, "1", "Chosen: eight unknowns, or four satellites, that a thousandth of an error leaves open are not known."
+    )
     sky_satellites: int = number(5, "1", "Four ranges fit any position: five test it.", "Kaplan & Hegarty, 2.5.2")
     least_satellites: int = number(5, "1", "Four ranges fit any position: five test it.", "Kaplan & Hegarty, 2.5.2")
 
