@@ -68,9 +68,9 @@ def fit_drawn(rng, units, late_m, sizes):
 
 
 def test_skies_have_their_covariance_where_signals_nearly_coincide():
-    # 120 m apart, 1 dB, phases that stay: of few satellites the two signals are apart.
+    # 90 m apart, 1 dB, phases that stay: the curvature at the top promises too much.
     rng, squares, n = np.random.default_rng(1), [], 10
-    false = np.append(120.0 * UP_EAST, 0.0)
+    false = np.append(90.0 * UP_EAST, 0.0)
     for _ in range(60):
         units = draw_open_sky(rng, n)
         two = fit_drawn(rng, units, design_matrix(units) @ false, np.tile([1.0, 1.12], (n, 1)))
@@ -83,7 +83,7 @@ def test_skies_have_their_covariance_where_signals_nearly_coincide():
     found = np.array(squares)
     assert len(found) >= 25
     assert np.sum(found > stats.chi2.isf(1e-3, 4)) <= stats.binom.ppf(0.999, found.size, 0.005)
-    assert stats.chi2.ppf(1e-3, 4 * found.size) < 2.0 * found.sum() < 2.6 * stats.chi2.ppf(0.999, 4 * found.size)
+    assert 2.0 * found.size < found.sum() < stats.chi2.ppf(0.999, 4 * found.size)
 
 
 def test_one_sky_is_not_taken_for_two():
