@@ -116,7 +116,7 @@ def _require_columns(names: list[str], where: str) -> None:
         if names.count(name) > 1:
             raise InputError(f"{where}: column {name!r} is named twice; remove one")
     if not {"inputs", "platform"} & set(names):
-        raise InputError(f"{where}: neither a column inputs nor a column platform; give one of them")
+        raise InputError(f"{where}: it names no column inputs, nor platform; give one of them")
 
 
 def _item(cells: dict[str, str], where: str) -> CatalogueItem:
