@@ -21,11 +21,13 @@ from skyproof.formats.spool import NothingGathered, gather
 from skyproof.gnss.time import format_iso, leap_seconds, seconds_between, timedelta_from_s
 from skyproof.logs.content import InertialRows, ReceiverStates
 from skyproof.navigation.clock import ClockSteps, find_clock_steps, remove_clock_steps
+from skyproof.navigation.code_noise import compare_code_noise, estimate_noise_factors, raise_code_sigmas
 from skyproof.navigation.rates import RIM_EPOCHS, fill_dopplers
 from skyproof.navigation.time_tags import TagErrors, estimate_tag_errors
 from skyproof.navigation.window import median_interval_s
 from skyproof.records import (
     FrontEndLevels,
+    Kind,
     NavigationData,
     ObservationLog,
     Observations,
@@ -274,22 +276,31 @@ def observe_file(
 
 @dataclass(frozen=True, eq=False)
 class _Clock:
-    """How a log's labels differ from a clock that runs on: its steps, and what does not go with the ranges."""
+    """How a log's labels differ from a clock that runs on: its steps, and what does not go with the ranges.
+
+    noise : of codes over what is stated of it, by kind of signal, where it is larger.
+    """
 
     gpst: Instants
     steps: ClockSteps | None
     tags: TagErrors
+    noise: Mapping[Kind, float]
 
     @classmethod
     def of(cls, log: ObservationLog, steps: ClockSteps | None, navigation: NavigationData) -> "_Clock":
-        """Estimate the clock's steps and label errors of a log."""
-        firsts = range(0, log.gpst.size, STRETCH_EPOCHS)
-        parts = (_remove_steps(log, steps, first, first + STRETCH_EPOCHS) for first in firsts)
-        return cls(log.gpst, steps, TagErrors.join([estimate_tag_errors(part, navigation) for part in parts]))
+        """Estimate the clock's steps and label errors of a log, and by how much its codes are noisier than stated."""
+        tags, noise = [], []
+        for first in range(0, log.gpst.size, STRETCH_EPOCHS):
+            part = _remove_steps(log, steps, first, first + STRETCH_EPOCHS)
+            tags.append(estimate_tag_errors(part, navigation))
+            noise.append(compare_code_noise(part))
+        return cls(log.gpst, steps, TagErrors.join(tags), estimate_noise_factors(noise))
 
     def correct(self, log: ObservationLog, first: int, stop: int) -> Observations:
         """Correct epochs `first` to before `stop`, without those whose labels are off unlike most."""
         part = _remove_steps(log, self.steps, first, stop).select(~self.tags.stray[first:stop])
+        if self.noise:
+            part = replace(part, pseudorange_sigma_m=raise_code_sigmas(part, self.noise))
         if not self.tags.offset_s:
             return part
         return replace(part, gpst=part.gpst - timedelta_from_s(self.tags.offset_s))
@@ -311,6 +322,11 @@ class _Clock:
                 "corrected by that",
                 RemarkKind.BEARS,
             )
+        if self.noise:
+            worst = sorted(self.noise.items(), key=lambda each: -each[1])
+            named = ", ".join(f"{' '.join(kind)} {factor:.1f} times" for kind, factor in worst[:MOST_TIMES_TOLD])
+            more = f", and {len(worst) - MOST_TIMES_TOLD} more kinds" if len(worst) > MOST_TIMES_TOLD else ""
+            yield f"codes are noisier than their stated or thermal noise, and count as such: {named}{more}"
         if stray.any():
             times = [format_iso(when, 1)[11:] for when in self.gpst[stray]]
             errors_s = self.tags.error_s[stray]
