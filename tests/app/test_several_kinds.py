@@ -49,7 +49,7 @@ def simulate_sky(
     false=None,
     rng=None,
 ):
-    """Observations of two receivers, the orbits that a receiver believes, and the labels.
+    """Simulate observations of two receivers, the orbits that a receiver believes, and the labels.
 
     Every kind has a delay of its own in each receiver, of 10 m or so. The ionosphere is a quarter larger than the
     model that is believed, on all bands of a satellite alike. `false` are the kinds that attacks imitate; where they do

@@ -20,7 +20,7 @@ SYSTEMATIC_M, MOST = 1.5, 1e-3
 
 @cache
 def build_looks(prn):
-    """Of a satellite's signal: its shapes, the correlation of its code at `LAGS`, and the root of its taps' noise."""
+    """Build a signal's shapes, the correlation of its code at `LAGS`, and the root of its taps' noise."""
     code_shapes, points = build_shapes(GPS_L1_CA, prn, POINTS, BAND_HZ, 1.3), np.array(POINTS)
     between = autocorrelate_code(GPS_L1_CA, prn, np.concatenate([LAGS, (points[:, None] - points).ravel()]), BAND_HZ)
     values, vectors = np.linalg.eigh(between[LAGS.size :].reshape(points.size, -1))
@@ -41,7 +41,7 @@ def draw_burst(rng, prn, delays_chips, sizes, *, cn0_dbhz=46.0):
 
 
 def draw_open_sky(rng, n):
-    """Of a geometry as an open sky has it."""
+    """Draw unit vectors until their geometry is that of an open sky."""
     units = draw_sky(rng, n)
     while np.linalg.cond(design_matrix(units)) > 8.0:
         units = draw_sky(rng, n)
@@ -49,7 +49,7 @@ def draw_open_sky(rng, n):
 
 
 def fit_drawn(rng, units, late_m, sizes):
-    """The skies of satellites whose first signals are at the reference but for multipath, the second so much later."""
+    """Fit skies of satellites with first signals at the reference but for multipath, second ones so much later."""
     off_m = SYSTEMATIC_M * rng.standard_normal(len(units))
     delays = np.stack([off_m, off_m + late_m], axis=1) / CHIP_M
     bursts = [draw_burst(rng, prn + 1, delays[prn], sizes[prn]) for prn in range(len(units))]
@@ -67,7 +67,7 @@ def fit_drawn(rng, units, late_m, sizes):
     )
 
 
-def test_skies_have_their_covariance_where_signals_nearly_coincide():
+def test_skies_have_their_covariance_where_signals_are_near():
     # 90 m apart, 1 dB, phases that stay: the curvature at the top promises too much.
     rng, squares, n = np.random.default_rng(1), [], 10
     false = np.append(90.0 * UP_EAST, 0.0)

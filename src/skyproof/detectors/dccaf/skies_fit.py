@@ -10,7 +10,7 @@ costs nothing. The fit begins where four satellites' own pairs of delays put two
 
 Where signals nearly coincide, F is no paraboloid and has several tops: its curvature at the highest one promises more
 than is known. The likelihood itself holds: 2 (F - F at the truth) over a dispersion is chi-square of eight degrees.
-The dispersion is what is left over beside noise of variance one, times what noise in the amplitudes adds to the slopes
+The dispersion is the residual over that of noise of variance one, times what noise in the amplitudes adds to the slopes
 (Kent, Biometrika 69(1), 1982; Stoica and Nehorai, IEEE Trans. ASSP 38(12), 1990). So places and their covariance are
 the mean and spread over the whole likelihood, by importance sampling about all its tops. The covariance is then scaled
 until the ellipsoid of `set_probability` encloses the likelihood-ratio region of it (Wilks, Ann. Math. Stat. 9, 1938).
