@@ -58,19 +58,6 @@ def test_a_carrier_faster_than_anything_is_no_motion():
     np.testing.assert_allclose(mean.pseudorange_m, whole.pseudorange_m, atol=0.02)
 
 
-def test_a_carrier_that_code_and_doppler_contradict_is_bridged():
-    # A receiver that begins its carriers anew and marks no slip; a clock that steps takes code and carrier along.
-    seen = list_seen(n=11, air=False)
-    carrier, codes = seen.carrier_cyc.copy(), seen.pseudorange_m.copy()
-    carrier[8:, 0] += 300.0
-    mean, whole = average_window(replace(seen, carrier_cyc=carrier)), average_window(seen)
-    np.testing.assert_allclose(mean.pseudorange_m, whole.pseudorange_m, atol=0.02)
-    assert mean.sigma_m[0] > whole.sigma_m[0]
-    codes[8:], carrier = codes[8:] + 300.0 * sky.WAVELENGTH, seen.carrier_cyc + 300.0 * (np.arange(11) >= 8)[:, None]
-    stepped = average_window(replace(seen, carrier_cyc=carrier, pseudorange_m=codes))
-    np.testing.assert_array_equal(stepped.sigma_m, whole.sigma_m)
-
-
 def test_a_doppler_held_for_minutes_is_as_good_as_its_change():
     # A signal at one epoch a minute that is lost before the middle.
     seen = list_seen(n=15, step_s=60.0, air=False)

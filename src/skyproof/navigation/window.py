@@ -17,13 +17,6 @@ _RATE_PACE_M_S2: Final = 0.18
 r = 26 560 km and n = 1.459e-4 rad/s of GPS. So much a Doppler is off that is taken from another epoch."""
 
 
-_STRONGEST_M_S2: Final = 50.0
-"""Of any platform, by the policy of `continuity`: between epochs a position leaves a trapezoid of Dopplers by a quarter
-of it times their distance squared, at most."""
-_SURE_SIGMAS: Final = 6.0
-"""Noise is mistaken for a slip once in 5e8, at both at once."""
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class WindowMean:
     """gpst : label of the middle epoch. signals, pseudorange_m, sigma_m, carrier_hz (n,) : one for each channel that is
@@ -92,15 +85,10 @@ def _integrate_motion(observations: Observations, kept: Indices, middle: int) ->
     rate_m_s = -wavelength_m * fill_gaps(elapsed_s, observations.doppler_hz[:, kept])
     rate_sigma_m_s = wavelength_m * fill_gaps(elapsed_s, observations.doppler_sigma_hz[:, kept])
     by_carrier = np.diff(carrier_m, axis=0)
+    # Not every carrier that begins anew, or is misread, is marked as a slip.
+    whole = (observations.status[1:, kept] != CellStatus.SLIP) & (np.abs(by_carrier) <= FASTEST_M_S * dt_s)
     by_doppler = 0.5 * dt_s * (rate_m_s[1:] + rate_m_s[:-1])
     doppler_m2 = 0.25 * dt_s**2 * (rate_sigma_m_s[1:] ** 2 + rate_sigma_m_s[:-1] ** 2)
-    by_code = np.diff(observations.pseudorange_m[:, kept], axis=0)
-    code_m2 = observations.pseudorange_sigma_m[1:, kept] ** 2 + observations.pseudorange_sigma_m[:-1, kept] ** 2
-    # Not every carrier that begins anew, or is misread, is marked as a slip: Doppler and code contradict it.
-    unseen_m = 0.25 * _STRONGEST_M_S2 * dt_s**2
-    broke = np.abs(by_carrier - by_doppler) > unseen_m + _SURE_SIGMAS * np.sqrt(doppler_m2)
-    broke &= np.abs(by_carrier - by_code) > unseen_m + _SURE_SIGMAS * np.sqrt(code_m2)
-    whole = (observations.status[1:, kept] != CellStatus.SLIP) & (np.abs(by_carrier) <= FASTEST_M_S * dt_s) & ~broke
     # Summed away from the middle: where neither is known only what lies beyond is lost.
     step_m = np.where(whole, by_carrier, by_doppler)
     before_m = -np.cumsum(step_m[:middle][::-1], axis=0)[::-1]

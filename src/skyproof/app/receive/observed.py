@@ -23,6 +23,7 @@ from skyproof.logs.content import InertialRows, ReceiverStates
 from skyproof.navigation.clock import ClockSteps, find_clock_steps, remove_clock_steps
 from skyproof.navigation.code_noise import compare_code_noise, estimate_noise_factors, raise_code_sigmas
 from skyproof.navigation.rates import RIM_EPOCHS, fill_dopplers
+from skyproof.navigation.slips import mark_slips
 from skyproof.navigation.time_tags import TagErrors, estimate_tag_errors
 from skyproof.navigation.window import median_interval_s
 from skyproof.records import (
@@ -361,7 +362,7 @@ class _Made:
         for first in range(0, log.gpst.size, STRETCH_EPOCHS):
             begin, stop = max(first - RIM_EPOCHS, 0), min(first + STRETCH_EPOCHS, log.gpst.size)
             part = clock.correct(log, begin, stop + RIM_EPOCHS)
-            whole, derived = fill_dopplers(part, usual_s)
+            whole, derived = fill_dopplers(mark_slips(part), usual_s)
             kept_rows = slice(int(kept[first] - kept[begin]), int(kept[stop] - kept[begin]))
             self.derived += int(derived[kept_rows].sum())
             self.phases += int(np.isfinite(part.carrier_cyc[kept_rows]).sum())
