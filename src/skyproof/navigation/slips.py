@@ -1,4 +1,4 @@
-"""Mark carriers that begin anew, or lose cycles, where the receiver does not say so."""
+"""Mark carriers that begin again, or lose cycles, where the receiver does not flag it."""
 
 from dataclasses import replace
 from typing import Final
