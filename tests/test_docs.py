@@ -25,6 +25,7 @@ from skyproof.formats.sigmf import open_sigmf
 from skyproof.formats.tables import FIXES_COLUMNS
 from skyproof.formats.verdict import read_verdict
 from skyproof.records import Records
+from skyproof.records.policy import numbers_of
 from skyproof.simulator import load_ready_made, parse_scenario
 from skyproof.studies import studies
 from skyproof.testing import MeasuredScene
@@ -134,6 +135,14 @@ def test_every_command_and_option_is_in_the_manual(command: str, tables: ModuleT
     assert "<!-- commands -->" in read_text(DOCS / "commands.md")
     assert [option for option in list_options(command) if f"`{option}" not in section] == []
     assert f"\nskyproof {command}" in section.partition("```sh")[2]  # an example
+
+
+def test_the_built_page_of_policies_holds_every_number(tables: ModuleType) -> None:
+    lines = tables.policies().splitlines()
+    numbers = [number for _, _, policy in tables._policies() for number in numbers_of(policy)]
+    assert len(numbers) > 100
+    for number in numbers:
+        assert any(f"`{number.name}`" in line and number.reason in line for line in lines), number
 
 
 def test_every_option_that_is_named_is_one() -> None:
