@@ -169,6 +169,7 @@ MADE_ELSEWHERE = {
     "runs": "one_antenna",
     "second_component": None,
     "second_sky": "chance",
+    "skies_fit": "chance",
     "several_sets": "one_antenna",
     "sqm_detector": "sqm",
     "two_skies": "chance",
