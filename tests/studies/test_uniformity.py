@@ -172,7 +172,6 @@ MADE_ELSEWHERE = {
     "skies_fit": "chance",
     "several_sets": "one_antenna",
     "sqm_detector": "sqm",
-    "two_skies": "chance",
     "vector_cusum": None,
     "vector_sqm_detector": "vector_parity",
     "window": "one_antenna",
