@@ -175,7 +175,7 @@ class _Window:
             *self._strong(),
         ]
         tests += self._level_alone(carriers, gauges)
-        tests += self._entered(kinds)
+        tests += self._test_entries(kinds)
         failed = min(tests, key=lambda test: test.p_value, default=None)
         count = len(tests)
         odd = failed is not None and count * failed.p_value < self.settings.false_alarm_probability
@@ -486,7 +486,7 @@ class _Window:
             )
         return tests
 
-    def _entered(self, changes: list[UnitChange]) -> list[_Test]:
+    def _test_entries(self, changes: list[UnitChange]) -> list[_Test]:
         """Return tests of kinds whose signals get stronger within seconds while more power comes in."""
         tests = []
         stands = self.settings.speed_max_m_s == 0.0
@@ -615,11 +615,13 @@ class _Window:
                 if not change.short or change.dip.stop == self.o.gpst.size
             },
             parts=self.parts[-2:],
-            steps=self.past.steps if odd else learn_steps(self.past.steps, self.steps, self._disturbed(interfered)),
+            steps=self.past.steps
+            if odd
+            else learn_steps(self.past.steps, self.steps, self._find_disturbed(interfered)),
             odd=odd,
         )
 
-    def _disturbed(self, interfered: Mapping[str, UnitChange]) -> frozenset[Unit]:
+    def _find_disturbed(self, interfered: Mapping[str, UnitChange]) -> frozenset[Unit]:
         """Return the kinds on carriers with interference now or in the window before."""
         carriers = interfered.keys() | self.past.interfered.keys()
         return frozenset(kind for kind in self.kinds if self._carrier(kind) in carriers)
