@@ -14,8 +14,6 @@ import marks
 import runs
 import tables
 
-from skyproof.studies import studies
-
 DOCS = runs.ROOT / "docs"
 NOTEBOOK = DOCS / "tutorial.ipynb"
 
@@ -37,7 +35,7 @@ def unbuilt(word: str, what: str, so_far: str) -> str:
     if word == "figure":
         name, *options = runs.figure_words(what)
         command = f"skyproof study {' '.join([name, *options])} --plot"
-        return f"*{studies()[name].title}: `{command}`.*"
+        return f"*`{command}`*"
     return so_far
 
 

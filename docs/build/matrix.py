@@ -31,19 +31,18 @@ PICTURE: Final = "protection.svg"
 CHARTS: Final = next(study.charts for study in matrix.STUDIES if study.name == "protection-stanford")
 HEAD = """# Protection matrix
 
-What `protect` makes of every ready-made [scene](scenarios.md), with nine kinds of equipment: samples are simulated,
-written as a receiver would record them, and protected with a platform file, as a user would do it. Scenes are
-shortened to 110 s from 20 s before the attack begins, and sampled at 5 Msps at most; a scene that moves has no standing
-equipment.
+What `protect` makes of the simulated samples of every ready-made [scene](scenarios.md), with nine kinds of equipment
+and a platform file. Scenes are shortened to 110 s from 20 s before the attack begins, and sampled at 5 Msps at most; a
+scene that moves has no standing equipment.
 
 skyproof {version}, {date}: {cells}. `skyproof study protection-matrix --json` makes them again: some minutes of
 a processor each scene; with `--out DIR` it goes on where it was stopped.
 
-A cell holds the verdict ({letters}), the seconds from
-the first false wave, or the first sample if it was there before, to the end of the first window in which a test says so
-(– : none does), the largest error of a trusted fix in metres, and the shares of epochs that have a trusted fix and a
-consistent one. *Unprotected* is the largest error of an ordinary receiver's fixes in the same samples. An empty cell
-cannot be.
+A cell holds the verdict ({letters}), a
+delay, an error and two shares. The delay, in seconds, is from the first false wave or the first sample to the end of
+the first window in which a test says so (– : none does). The error is the largest of a trusted fix, in metres. The
+shares, in percent, are of epochs with a trusted fix and with a consistent one. *Unprotected* is the largest error of an
+ordinary receiver in the same samples, in metres. An empty cell cannot be.
 {before}"""
 LETTERS: Final = {word: word[0].upper() for word in reversed(WORDS)} | {"suspect": "?"}
 BEFORE: Final = {"undecided": "U"}
@@ -54,9 +53,9 @@ could run passed): which of the two a cell is they do not hold.
 """
 
 LEVELS_TITLE: Final = "## Protection levels"
-LEVELS: Final = """*`skyproof study protection-stanford --plot` draws it. A level allows for one satellite that is wrong
-by any amount and is not noticed. These scenes have none among the trusted ones, so errors are far below the levels; how
-often they hold with one is [counted](verdict.md#how-far-a-trusted-fix-may-be-off) for faults of all sizes.*"""
+LEVELS: Final = """*`skyproof study protection-stanford --plot` draws it. No trusted satellite is wrong in these scenes,
+so errors are far below the levels. How often they hold with a wrong one is
+[counted](verdict.md#how-far-a-trusted-fix-may-be-off).*"""
 
 HOURS: Final = """*Runs of `skyproof study protection-clean`: 100 s of samples each, at drawn places and times,
 standing, on a way or in circles, with reflections from the ground and from walls. A false alarm is a window of 10 s
@@ -71,7 +70,7 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
         own = [cells.get((scene, name)) for name in EQUIPMENT]
         plain = next((row for row in own if row is not None and "unprotected_worst_m" in row), None)
         worst_m = None if plain is None else plain["unprotected_worst_m"]
-        yield f"| `{scene}` | {_metres(worst_m)} | " + " | ".join(_cell(row) for row in own) + " |"
+        yield f"| `{scene}` | {_number(worst_m)} | " + " | ".join(_cell(row) for row in own) + " |"
 
 
 def _cell(row: Row | None) -> str:
@@ -79,14 +78,18 @@ def _cell(row: Row | None) -> str:
         return ""
     if "error" in row:
         return "error"
-    delay = "–" if row["delay_s"] is None else f"{row['delay_s']:.0f} s"
+    delay = "–" if row["delay_s"] is None else f"{row['delay_s']:.0f}"
     letter = (LETTERS | BEFORE)[row["verdict"]]
-    shares = f"{100 * row['trusted_share']:.0f} + {100 * row['consistent_share']:.0f} %"
-    return f"**{letter}** {delay}; {_metres(row['trusted_worst_m'])}, {shares}"
+    shares = f"{100 * row['trusted_share']:.0f}+{100 * row['consistent_share']:.0f}"
+    return f"**{letter}** {delay}; {_number(row['trusted_worst_m'])}; {shares}"
 
 
 def _metres(value: float | None) -> str:
-    return "–" if value is None else f"{value:.1f} m" if value < 100.0 else f"{value:.0f} m"
+    return _number(value) if value is None else f"{_number(value)} m"
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.1f}" if value < 100.0 else f"{value:.0f}"
 
 
 def sums(rows: Sequence[Row]) -> Iterator[str]:
@@ -100,7 +103,7 @@ def sums(rows: Sequence[Row]) -> Iterator[str]:
     yield f"- With an attack: {told} of {len(attacked)} cells *spoofed*, {missed} *authentic*, {words or 'no others'}."
     yield f"- Without one: {false} of {len(good) - len(attacked)} cells *spoofed*."
     yield f"- Trusted fixes off by more than three of their 95 % bounds: {_sum(good, 'wrong_fixes')}."
-    yield f"- Signals called authentic or spoofed for a second or more that are not: {_sum(good, 'wrong_labels')}."
+    yield f"- Wrong labels *authentic* or *spoofed* for a second or more: {_sum(good, 'wrong_labels')}."
     beyond = _sum(good, "beyond_protection"), _sum(good, "beyond_vertical_protection")
     yield f"- Trusted fixes beyond their protection level: {beyond[0]} horizontally, {beyond[1]} vertically."
 

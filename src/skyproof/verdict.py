@@ -76,9 +76,9 @@ MOST_NAMED: Final = 10
 Gpst = Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,9})?$")]
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 Sigma = Annotated[float, Field(ge=0.0)]
-LatDeg = Annotated[float, Field(ge=-90.0, le=90.0, description="Geodetic latitude, WGS-84, degrees, north positive.")]
-LonDeg = Annotated[float, Field(ge=-180.0, le=180.0, description="Longitude, WGS-84, degrees, east positive.")]
-HeightM = Annotated[float, Field(description="Height above the WGS-84 ellipsoid, metres.")]
+LatDeg = Annotated[float, Field(ge=-90.0, le=90.0, description="Geodetic, WGS-84, degrees, north and east positive.")]
+LonDeg = Annotated[float, Field(ge=-180.0, le=180.0, description="Geodetic, WGS-84, degrees, north and east positive.")]
+HeightM = Annotated[float, Field(description="Above the ellipsoid, metres.")]
 
 
 def write_word(word: str) -> str:
@@ -112,9 +112,9 @@ class Position(_Model):
     lat_deg: LatDeg
     lon_deg: LonDeg
     height_m: HeightM
-    sigma_east_m: Sigma = Field(description="Standard deviation to the east, metres.")
-    sigma_north_m: Sigma = Field(description="Standard deviation to the north, metres.")
-    sigma_up_m: Sigma = Field(description="Standard deviation upwards, metres.")
+    sigma_east_m: Sigma = Field(description="Standard deviation in that direction, metres.")
+    sigma_north_m: Sigma = Field(description="Standard deviation in that direction, metres.")
+    sigma_up_m: Sigma = Field(description="Standard deviation in that direction, metres.")
     horizontal_protection_m: Sigma | None = Field(
         default=None,
         description="Protection level of a usable fix, metres: its horizontal error exceeds it with a "
@@ -157,7 +157,7 @@ class OwnFix(_Model):
 class ReceiverResult(_Model):
     """One receiver: what it recorded, and the positions that its signals give, each the last one of its kind."""
 
-    name: str = Field(description="Name by which the other parts of this document refer to the receiver.")
+    name: str = Field(description="Its name in this document.")
     word: VerdictWord | None = Field(
         default=None, description="The worst of its words over time; null if no window could be tested."
     )
@@ -227,18 +227,18 @@ with warnings.catch_warnings():
     class Signal(_Model):
         """One received signal and its label. One satellite may be received as several signals."""
 
-        receiver: str = Field(description="Name of the receiver.")
-        sat: str = Field(description="Satellite that the signal claims to come from, as RINEX names it: G05.")
-        band: str = Field(description="Frequency band: L1.")
-        code: str = Field(description="Ranging code: CA.")
+        receiver: str = Field(description="Its receiver.")
+        sat: str = Field(description="Satellite that it claims to come from, as RINEX names it: G05.")
+        band: str = Field(description="Frequency band and ranging code: L1, CA.")
+        code: str = Field(description="Frequency band and ranging code: L1, CA.")
         copy: str = Field(  # type: ignore[assignment]
             description="Tells several signals of one satellite apart, in order of finding; nothing more."
         )
         label: Label = Field(description="What the evidence says of the signal; unknown without evidence.")
-        source: str | None = Field(description="Name of the source the signal is ascribed to; null if to none.")
-        from_gpst: Gpst | None = Field(description="First instant at which the signal was received, GPS time.")
-        to_gpst: Gpst | None = Field(description="Last instant at which the signal was received, GPS time.")
-        cn0_dbhz: float | None = Field(description="Carrier to noise density, mean over the time received, dB-Hz.")
+        source: str | None = Field(description="Its source; null if none.")
+        from_gpst: Gpst | None = Field(description="First and last instant of its reception, GPS time.")
+        to_gpst: Gpst | None = Field(description="First and last instant of its reception, GPS time.")
+        cn0_dbhz: float | None = Field(description="C/N0, mean over its reception, dB-Hz.")
         doppler_hz: float | None = Field(description="Apparent carrier minus nominal carrier, mean, hertz.")
         delay_to_authentic_m: float | None = Field(
             description="Code delay behind the same satellite's authentic signal, metres; null without one."
@@ -254,8 +254,8 @@ class SourceDirection(_Model):
     )
     azimuth_deg: float = Field(ge=0.0, le=360.0, description="Clockwise from north or from forward, degrees.")
     elevation_deg: float = Field(ge=-90.0, le=90.0, description="Above the horizon or the body's plane, degrees.")
-    along_sigma_deg: Sigma = Field(description="Standard deviation along the horizon (or the plane), degrees.")
-    up_sigma_deg: Sigma = Field(description="Standard deviation of the elevation, degrees.")
+    along_sigma_deg: Sigma = Field(description="Standard deviation along the horizon (or plane) and across, degrees.")
+    up_sigma_deg: Sigma = Field(description="Standard deviation along the horizon (or plane) and across, degrees.")
     correlation: float = Field(ge=-1.0, le=1.0, description="Correlation of the two.")
 
 
@@ -266,8 +266,8 @@ class SourcePlace(_Model):
     lon_deg: LonDeg
     height_m: HeightM
     sigma_up_m: Sigma = Field(description="Standard deviation upwards, metres.")
-    ellipse_major_m: Sigma = Field(description="Greater half axis of the ellipse of 95 %, horizontally, metres.")
-    ellipse_minor_m: Sigma = Field(description="Smaller half axis of that ellipse, metres.")
+    ellipse_major_m: Sigma = Field(description="Half axes of the horizontal ellipse of 95 %, metres.")
+    ellipse_minor_m: Sigma = Field(description="Half axes of the horizontal ellipse of 95 %, metres.")
     ellipse_azimuth_deg: float = Field(
         ge=0.0, le=180.0, description="Direction of the greater axis, clockwise from north, degrees."
     )
@@ -279,22 +279,31 @@ class Source(_Model):
     `kind` says which of the two, in words.
     """
 
-    name: str = Field(description="Name by which signals refer to the source.")
+    name: str = Field(description="Name in the signals.")
     kind: str = Field(description="Kind in words: one antenna; a false sky; a sky that may be true.")
-    sats: tuple[str, ...] = Field(description="Satellites whose signals are ascribed to it.")
+    sats: tuple[str, ...] = Field(description="Satellites of its signals.")
     azimuth_deg: float | None = Field(
-        ge=0.0, le=360.0, description="Direction, clockwise from north, degrees; null if unknown or ambiguous."
+        ge=0.0,
+        le=360.0,
+        description="Clockwise from north and above the horizon, degrees; null if unknown or ambiguous.",
     )
-    elevation_deg: float | None = Field(ge=-90.0, le=90.0, description="Direction above the horizon, degrees.")
+    elevation_deg: float | None = Field(
+        ge=-90.0,
+        le=90.0,
+        description="Clockwise from north and above the horizon, degrees; null if unknown or ambiguous.",
+    )
     direction_sigma_deg: Sigma | None = Field(description="Standard deviation of the direction, degrees.")
     body_azimuth_deg: float | None = Field(
         default=None,
         ge=0.0,
         le=360.0,
-        description="Direction, clockwise from forward in the body, degrees, if the attitude is unknown.",
+        description="From the body's forward axis and plane, degrees, if the attitude is unknown.",
     )
     body_elevation_deg: float | None = Field(
-        default=None, ge=-90.0, le=90.0, description="Direction above the body's plane, degrees."
+        default=None,
+        ge=-90.0,
+        le=90.0,
+        description="From the body's forward axis and plane, degrees, if the attitude is unknown.",
     )
     directions: tuple[SourceDirection, ...] = Field(
         default=(),
@@ -324,10 +333,10 @@ class Method(_Model):
         "undecided that any window gives; null if it did not run."
     )
     tests: int = Field(ge=0, description="Number of tests that it made.")
-    from_gpst: Gpst | None = Field(description="Start of the window of its most telling test, GPS time.")
-    to_gpst: Gpst | None = Field(description="End of that window, GPS time.")
-    statistic: float | None = Field(description="Statistic of that test, in the detector's own unit.")
-    threshold: float | None = Field(description="Threshold of that test, in the same unit.")
+    from_gpst: Gpst | None = Field(description="Window of its most telling test, GPS time.")
+    to_gpst: Gpst | None = Field(description="Window of its most telling test, GPS time.")
+    statistic: float | None = Field(description="Of that test, in the detector's own unit.")
+    threshold: float | None = Field(description="Of that test, in the detector's own unit.")
     p_value: Probability | None = Field(description="p-value of that test: the least of those with that decision.")
     false_alarm_probability: Probability | None = Field(description="False-alarm probability asked of one decision.")
 

@@ -73,7 +73,7 @@ def test_the_table_of_all_figures_is_one_file(app: App, tmp_path: Path, capsys: 
     assert cli.main(["study", "--validation", str(tmp_path / "validation.md"), "--quick", "--seed", "7"]) == 0
     text = (tmp_path / "validation.md").read_text(encoding="utf-8")
     assert re.search(r"\bseed 7, quick\b", text)
-    assert "| kept at 10 s | 0.5 | 0.5 | within 0.1 |" in text
+    assert "| kept at 10 s | 0.5 | 0.5 | 0.1 |" in text
     assert [call[0] for call in app.calls] == ["study"]  # the one that claims nothing need not run
     assert "multi-receiver.false-alarm" in capsys.readouterr().err
 

@@ -94,9 +94,9 @@ def test_the_page_names_version_date_and_seed() -> None:
 
 
 def test_agreeing_and_failing_figures_are_told_apart() -> None:
-    assert "| within 0.2 |" in make_page(make_claim())
-    assert "| **not** within 0.001 |" in make_page(make_claim(paper=1.0, tolerance=0.001))
-    assert "within" not in make_page(make_claim(tolerance=None)).partition("###")[2]
+    assert "| 0.2 |" in make_page(make_claim())
+    assert "| **not** 0.001 |" in make_page(make_claim(paper=1.0, tolerance=0.001))
+    assert "| within |" not in make_page(make_claim(tolerance=None))
 
 
 def test_an_independent_check_comes_before_the_printed_value() -> None:
@@ -133,12 +133,12 @@ def test_a_figure_that_cannot_be_made_has_its_reason() -> None:
 def test_a_figure_that_is_not_found_never_agrees() -> None:
     text = make_page(make_claim(same=lambda rows: rows[1]["mean"]))
     assert "| not found |" in text
-    assert "**not** within" in text
+    assert "| **not** " in text
 
 
 def test_a_figure_that_protect_does_not_reach_says_so() -> None:
     text = make_page(make_claim(), make_claim(protect=lambda rows: 0.25), make_claim(protect=lambda rows: math.nan))
-    assert [text.count(f"| {words} | within") for words in ("not reached", "0.25", "not run")] == [1, 1, 1]
+    assert [text.count(f"| {words} |") for words in ("not reached", "0.25", "not run")] == [1, 1, 1]
     (checked,) = check(
         make_toy(claims=(make_claim(tolerance=None, protect=lambda rows: 9.0),)), [{"n": 1, "mean": 0.0}]
     )

@@ -34,7 +34,7 @@ def _largest_excess(rows: Sequence[Row]) -> float:
 
 
 _PICTURE: Final = "a picture"
-_ONE_RUN: Final = "a picture of one run"
+_ONE_RUN: Final = "one run"
 _COUNTED: Final = (
     Claim(
         what="drift counted over that of the linear covariance: the farthest from one of all rows and axes",
@@ -109,8 +109,7 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
         title="Which fix is true: the free-running unit decides",
         paper=PAPER,
         figure="Figure 11",
-        note="At 233 s. References of drifts are 300 runs, known to 4 %. Wrong choices are by distance (same) and by "
-        "covariance (better).",
+        note="At 233 s. References of drifts are 300 runs, known to 4 %; choices by distance, covariance (better).",
         run=exclusion,
         charts=(
             Axes(
@@ -169,7 +168,7 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
         title="After a clean fix: how soon and how long the next choice is safe",
         paper=PAPER,
         figure="None: the interval between decompositions",
-        note="Wrong choices after a clean fix are by the rule of thumb (same) and as counted (better).",
+        note="By the rule of thumb (same) and as counted (better).",
         run=interval,
         charts=(
             Axes(
@@ -243,7 +242,7 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
                     what=f"tactical, {errors}: drift east at 233 s, m, place set (same), place and velocity updated "
                     "(better) at 190 s",
                     paper=_ONE_RUN,
-                    reference="none is given: see the covariance below",
+                    reference="see the covariance below",
                     same=value_of("east_m", errors=errors, restart=SET),
                     better=value_of("east_m", errors=errors, restart=BOTH),
                 )

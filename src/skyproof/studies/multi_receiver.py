@@ -141,19 +141,19 @@ FALSE_ALARM = Study(
         Claim(what="the same at 0.1 %", paper="not counted", reference=1.0, same=_worst_rate(0.001),
               tolerance=_by_count(0.001)),
         *(
-            Claim(what=f"1a at 1 % with the root that equation 8 prints, {receivers} receivers", paper=0.01,
+            Claim(what=f"1a at 1 % with equation 8 as printed, {receivers} receivers", paper=0.01,
                   reference=expected, same=_form("root as printed", "1a", receivers),
                   better=_form("corrected", "1a", receivers), tolerance=0.02)
             for receivers, expected in ((2, 0.31), (3, 0.53), (5, 0.75))
         ),
         *(
-            Claim(what=f"1b at 1 % with the root that equation 8 prints, {receivers} receivers", paper=0.01,
+            Claim(what=f"1b at 1 % with equation 8 as printed, {receivers} receivers", paper=0.01,
                   reference=expected, same=_form("root as printed", "1b", receivers),
                   better=_form("corrected", "1b", receivers), tolerance=0.006)
             for receivers, expected in ((3, 0.028), (5, 0.075))
         ),
         *(
-            Claim(what=f"1a at 1 % with the degrees of freedom that are printed, {receivers} receivers", paper=0.01,
+            Claim(what=f"1a at 1 % with degrees of freedom as printed, {receivers} receivers", paper=0.01,
                   reference=expected, same=_form("degrees of freedom as printed", "1a", receivers),
                   better=_form("corrected", "1a", receivers), tolerance=0.01)
             for receivers, expected in ((3, 0.055), (5, 0.33))
@@ -445,7 +445,7 @@ def _share_claims() -> Iterator[Claim]:
             for detector in (UNKNOWN, KNOWN):
                 where = pair, window_s, detector, noise
                 yield Claim(
-                    what=f"7 of 7: {distance_m} m, {window_s} s, {detector}, wrong {rate:g}",
+                    what=f"7 of 7: {distance_m} m, {window_s} s, {detector}, {rate:g}",
                     across=noise,
                     paper="not reached",
                     reference=_share(f"authenticated_bound{end}", *where),
@@ -458,7 +458,7 @@ def _share_claims() -> Iterator[Claim]:
             for detector in (UNKNOWN, KNOWN):
                 where = "4", 30, detector, noise
                 yield Claim(
-                    what=f"7 of 7, noise unknown: 5 m, 30 s, {detector}, wrong {rate:g}",
+                    what=f"7 of 7, noise unknown: 5 m, 30 s, {detector}, {rate:g}",
                     across=noise,
                     paper="not reached",
                     reference=_share(f"authenticated_bound_noise_unknown{end}", *where),
@@ -474,8 +474,8 @@ DISTANCE = Study(
     paper=PAPER,
     figure="Figure 5",
     note="*1b* counts the signals kept of 7, as a mean over 16 skies. *7 of 7* is the share of windows that keep all "
-    "seven, with wrong ones in no more windows than stated; the aim is 0.999. Its reference is the most that a test "
-    "can reach that knows the noise, or that does not (*noise unknown*).",
+    "seven, with wrong ones in no more windows than stated last; the aim is 0.999. Its reference is the most that a "
+    "test can reach that knows the noise, or that does not (*noise unknown*).",
     run=_distance,
     charts=(
         *(
@@ -513,20 +513,19 @@ DISTANCE = Study(
               better=_share("authenticated_mean", "3", 10, CARRIER, "white"),
               protect=_share("authenticated_mean", "3", 10, PROTECT, "white"), digits=5),
         *(
-            Claim(what=f"wrong signals of ours, share of all windows, {noise}; stated: at most {rate:g}",
+            Claim(what=f"wrong signals, share of all windows, stated at most {rate:g}", across=noise,
                   paper="not stated", reference=0.0, better=_pool_wrong_share(f"wrong_mean{end}", noise=noise),
                   protect=_wrong_by_protect(noise), tolerance=rate)
             for end, rate in (("", ALPHA_OURS), (LAX, ALPHA_PAPER)) for noise in NOISES
         ),
         *(
-            Claim(what=f"the same at 1 m in 15 s, all noises, where little is distinguished; stated: at most {rate:g}",
+            Claim(what=f"wrong signals at 1 m in 15 s, all noises, stated at most {rate:g}",
                   paper="not stated", reference=0.0,
                   better=_pool_wrong_share(f"wrong_mean{end}", pair="3", window_s=15),
                   tolerance=_bound_share(rate, detector=UNKNOWN, pair="3", window_s=15))
             for end, rate in (("", ALPHA_OURS), (LAX, ALPHA_PAPER))
         ),
-        Claim(what="figures of 1b more than 0.2 off the reference, of the 64 that follow (tolerance: 0.2, or two "
-                   "standard errors of the difference of two means over 16 skies)",
+        Claim(what="of the 64 figures of 1b, more than 0.2 or two standard errors off the reference",
               same=_beyond, paper="curve", reference="0; sixteen other skies"),
         *_list_claims(),
         Claim(what="Figure 5, dip at 35 m against 20 m", paper="dip",
@@ -574,7 +573,7 @@ _KEPT_GROUPS = {  # receivers, noise: kept of 7 at 5, 10, 30, 60 s by an indepen
 def _group_claims() -> Iterator[Claim]:
     for (numbers, noise), values in _KEPT_GROUPS.items():
         for window_s, value in zip(GROUP_WINDOWS_S, values, strict=True):
-            case = f"receivers {numbers.replace(' ', ', ')}, {window_s} s, {NOISES[noise].sigma_m:g} m, white"
+            case = f"receivers {numbers.replace(' ', ', ')}, {NOISES[noise].sigma_m:g} m, white"
             yield _make_claim(case, value, noise=noise, receivers=numbers, window_s=window_s)
 
 
@@ -583,7 +582,7 @@ RECEIVERS = Study(
     title="Signals kept over window length, for two to four receivers",
     paper=PAPER,
     figure="Figure 6",
-    note="*1b* counts the signals kept of 7, as a mean over 16 skies.",
+    note="As *1b* of figure 5.",
     run=_receivers,
     charts=tuple(
         Axes(title=f"{words}, 2 m of white noise", x="window_s", y="authenticated_mean", x_label="window, s",
@@ -660,7 +659,7 @@ TIME_TAGS = Study(
                                            (1e-4, 240, 0.018))
         ),
         *(
-            Claim(what=f"2b at 1 %, clocks that drift by {drift:g}, {n} s", paper="1 us asked of the offset",
+            Claim(what=f"2b at 1 %, clocks that drift by {drift:g}, {n} s", paper="1 us asked",
                   reference=reference, same=_mean("p_fa", detector="2b", drift=drift, n=n), tolerance=0.02)
             for drift, n, reference in ((1e-9, 240, 0.01), (1e-8, 120, 0.04), (1e-8, 240, 0.34), (1e-7, 30, 0.04),
                                         (1e-7, 60, 0.51), (1e-6, 10, 0.13), (1e-6, 30, 1.0))

@@ -4,7 +4,7 @@ What cannot be reproduced stands in the table as well, with the reason in place 
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import date
 from importlib.metadata import version
@@ -17,7 +17,7 @@ __all__ = ["Checked", "check", "table"]
 NONE = "–"
 NOT_REACHED = "not reached"
 NOT_RUN = "not run"
-FAMILY = "same, better, through protect, reference"
+FAMILY = ("same", "better", "through protect", "reference")
 
 
 class Checked:
@@ -89,7 +89,7 @@ def _lines(
         counts = f"{settings.trials} trials each"
     yield "# Validation"
     yield ""
-    yield ("Every figure of the papers beside ours, and the reason where none can be reproduced. The columns:")
+    yield ("Every figure of the papers beside ours, or the reason why it cannot be reproduced.")
     yield ""
     yield "| column | holds |"
     yield "|---|---|"
@@ -98,13 +98,12 @@ def _lines(
     yield "| ours, better | the method that we recommend instead |"
     yield "| through protect | what the command answers on the same ranges and errors, in four of the skies |"
     yield "| reference | an independent check |"
-    yield "| agrees | whether ours lies within the tolerance of the reference, or else of the paper |"
+    yield "| within | the tolerance that ours keeps to the reference, or else to the paper, or does **not** keep |"
     yield ""
     yield (
-        "A table leaves out columns that would be empty. Figures that differ in one thing only stand side by side, "
-        "each as the numbers that the first cell of their table names. The columns *ours* measure functions; a study "
-        "names those that no command reaches. [Protection](protection.md) shows what `protect` answers in the papers' "
-        "own scenes."
+        "Figures that differ in one thing only stand side by side, as the numbers that the first cell of their table "
+        "names. The columns *ours* measure functions. [Protection](protection.md) shows what `protect` answers in the "
+        "papers' scenes."
     )
     yield ""
     yield (
@@ -138,14 +137,22 @@ def _lines(
 
 
 def _figures(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
-    """Yield the lines of a table, without the columns in which no row holds anything."""
+    """Yield the lines of a table, without the columns in which no row holds anything or all rows hold the same."""
     if not rows:
         return
-    heads = ("what", *COLUMNS, "agrees")
-    kept = [column for column in range(len(heads)) if any(row[column] not in (NONE, NOT_REACHED) for row in rows)]
+    heads = ("what", *COLUMNS, "within")
+    texts = [(*row[:-1], row[-1].replace("within ", "")) for row in rows]
+    kept = [column for column in range(len(heads)) if _is_filled(row[column] for row in texts)]
+    alike = [column for column in kept[1:] if len(rows) > 2 and len({row[column] for row in texts}) == 1]
+    if alike:
+        yield from ("", f"In each row: {', '.join(f'*{heads[n]}* {_cell(texts[0][n])}' for n in alike)}.")
     yield ""
-    for row in (heads, ["---"] * len(heads), *rows):
-        yield _row(*(row[column] for column in kept))
+    for row in (heads, ["---"] * len(heads), *texts):
+        yield _row(*(row[column] for column in kept if column not in alike))
+
+
+def _is_filled(cells: Iterable[str]) -> bool:
+    return any(cell not in (NONE, NOT_REACHED) for cell in cells)
 
 
 def _families(rows: Sequence[tuple[str, str, tuple[str, ...]]]) -> Iterator[str]:
@@ -157,15 +164,17 @@ def _families(rows: Sequence[tuple[str, str, tuple[str, ...]]]) -> Iterator[str]
     for parameter, cells_of in of_what.items():
         tables.setdefault(tuple(cells_of), []).append(parameter)
     for columns, names in tables.items():
-        yield from ("", _row(FAMILY, *columns), _row(*["---"] * (len(columns) + 1)))
+        numbers = [cells[1:-1] for parameter in names for cells in of_what[parameter].values()]
+        kept = [n for n in range(len(FAMILY)) if _is_filled(row[n] for row in numbers)]
+        yield from ("", _row(", ".join(FAMILY[n] for n in kept), *columns), _row(*["---"] * (len(columns) + 1)))
         for parameter in names:
-            yield _row(parameter, *(_of_family(cells) for cells in of_what[parameter].values()))
+            yield _row(parameter, *(_of_family(cells, kept) for cells in of_what[parameter].values()))
 
 
-def _of_family(cells: tuple[str, ...]) -> str:
-    """Return the numbers of one cell of a family, in the order of the columns of the usual table."""
+def _of_family(cells: tuple[str, ...], kept: Sequence[int]) -> str:
+    """Return those numbers of one cell of a family, in the order of the columns of the usual table."""
     _, *numbers, verdict = cells
-    return " ".join(numbers) + (f" {verdict}" if verdict.startswith("**") else "")
+    return " ".join(numbers[n] for n in kept) + (f" {verdict}" if verdict.startswith("**") else "")
 
 
 def _name_unreached(study: Study) -> str:

@@ -273,7 +273,7 @@ def many(settings: StudySettings) -> Iterator[Row]:
 _TABLE_1 = ((40, 1, 0.7264, 0.7265, 0.9985), (45, 1, 0.4076, 0.4077, 0.9185), (40, 10, 0.0719, 0.0721, 0.316))
 _TABLE_2 = ((40, 1, 0.9101, 0.9107), (45, 1, 0.9550, 0.9546), (40, 10, 0.9949, 0.9951))
 _NOT_STATED = "offsets not stated"
-_PICTURE = "picture only"
+_PICTURE = "picture"
 
 
 def _delay_claim(code: float, doppler: float) -> Claim:
