@@ -29,7 +29,7 @@ WRITTEN = "skyproof.verdict"
 """Documents of this module are read by users and written by the package: their defaults help nobody."""
 BESIDES = " besides"
 WORDS = {
-    "name": "The name that files and other tables refer to.",
+    "name": "Name in files and other tables.",
     "description": "A description for readers.",
     "seed": "Seed of all random numbers.",
     "start_gpst": "GPS time of second zero.",

@@ -30,7 +30,7 @@ ERROR = 2
 BROKEN_PIPE = 141
 """As of a program that the signal SIGPIPE ends."""
 _UNWRITTEN = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF, errno.EPIPE)
-AFTER_DEMO = "Example, with the recordings that `skyproof demo --out demo` makes:\n\n"
+AFTER_DEMO = "Example, after `skyproof demo --out demo`:\n\n"
 COMMANDS = {
     "protect": (
         "[INPUT...] --out FOLDER [OPTIONS]",
