@@ -160,9 +160,15 @@ def test_what_no_command_reaches_stands_in_studies() -> None:
 
 def test_claims_that_differ_in_one_thing_share_a_row() -> None:
     text = make_page(*(make_claim(what="kept", across=across) for across in ("10 s", "30 s")), make_claim(what="alone"))
-    assert text.count("| kept |") == 1
+    assert text.count("| kept, within 0.2 |") == 1
     assert "| 10 s | 30 s |" in text
     assert "| alone |" in text
+
+
+def test_a_column_that_is_the_same_in_all_rows_stands_once() -> None:
+    text = make_page(*(make_claim(what=what, paper="a picture", reference=0.0) for what in ("one", "two", "three")))
+    assert text.count("*paper* a picture") == text.count("a picture") == 1
+    assert text.count("*within* 0.2") == 1
 
 
 def test_a_study_without_claims_is_on_the_page() -> None:

@@ -109,7 +109,7 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
         title="Which fix is true: the free-running unit decides",
         paper=PAPER,
         figure="Figure 11",
-        note="At 233 s. References of drifts are 300 runs, known to 4 %; choices by distance, covariance (better).",
+        note="At 233 s. References of drifts are 300 runs, tolerance 10 %; choices by distance, covariance (better).",
         run=exclusion,
         charts=(
             Axes(
@@ -145,15 +145,17 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
                 )
                 for claim in (
                     Claim(
-                        what=f"{grade}, {errors}: drift east, m",
+                        what=f"{grade}, {errors}",
+                        across="drift east, m",
                         paper=_ONE_RUN,
                         reference=drift,
                         tolerance=0.1 * drift,
                         same=value_of("east_m", grade=grade, errors=errors, time_s=233),
                     ),
                     Claim(
-                        what=f"{grade}, {errors}: wrong choice",
-                        paper=_PICTURE,
+                        what=f"{grade}, {errors}",
+                        across="wrong choice",
+                        paper=_ONE_RUN,
                         reference=wrong,
                         same=value_of("wrong_nearest", grade=grade, errors=errors, time_s=233),
                         better=value_of("wrong_covariance", grade=grade, errors=errors, time_s=233),

@@ -88,7 +88,8 @@ STUDIES = (
         ),
         claims=tuple(
             Claim(
-                what=f"noncentrality, (20, 40) against (21, 40), b = {side:g}",
+                what="noncentrality, (20, 40) against (21, 40)",
+                across=f"b = {side:g}",
                 paper=_BY_FORMULA,
                 reference=reference,
                 same=value_of("noncentrality", figure="5", baseline=side),

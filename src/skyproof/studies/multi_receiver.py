@@ -141,25 +141,25 @@ FALSE_ALARM = Study(
         Claim(what="the same at 0.1 %", paper="not counted", reference=1.0, same=_worst_rate(0.001),
               tolerance=_by_count(0.001)),
         *(
-            Claim(what=f"1a at 1 % with equation 8 as printed, {receivers} receivers", paper=0.01,
+            Claim(what="1a at 1 % with equation 8 as printed", across=f"{receivers} receivers", paper=0.01,
                   reference=expected, same=_form("root as printed", "1a", receivers),
                   better=_form("corrected", "1a", receivers), tolerance=0.02)
             for receivers, expected in ((2, 0.31), (3, 0.53), (5, 0.75))
         ),
         *(
-            Claim(what=f"1b at 1 % with equation 8 as printed, {receivers} receivers", paper=0.01,
+            Claim(what="1b at 1 % with equation 8 as printed", across=f"{receivers} receivers", paper=0.01,
                   reference=expected, same=_form("root as printed", "1b", receivers),
                   better=_form("corrected", "1b", receivers), tolerance=0.006)
             for receivers, expected in ((3, 0.028), (5, 0.075))
         ),
         *(
-            Claim(what=f"1a at 1 % with degrees of freedom as printed, {receivers} receivers", paper=0.01,
+            Claim(what="1a at 1 % with degrees of freedom as printed", across=f"{receivers} receivers", paper=0.01,
                   reference=expected, same=_form("degrees of freedom as printed", "1a", receivers),
                   better=_form("corrected", "1a", receivers), tolerance=0.01)
             for receivers, expected in ((3, 0.055), (5, 0.33))
         ),
         *(
-            Claim(what=f"threshold of 1b at 1 %, {n} epochs, 2 receivers", paper=None, reference=reference,
+            Claim(what="threshold of 1b at 1 %, 2 receivers", across=f"{n} epochs", paper=None, reference=reference,
                   same=lambda _, n=n: float(f_threshold(0.01, 2, n - 2)), tolerance=0.005)  # type: ignore[misc]
             for n, reference in ((5, 30.82), (30, 5.453), (120, 4.790))
         ),

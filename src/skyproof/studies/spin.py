@@ -262,10 +262,12 @@ STUDIES = (
         title="Share of the hemisphere where detection is below 0.99",
         paper=PAPER,
         figure="Table 1",
+        note="Tolerance 1 %.",
         run=solid_angle,
         claims=tuple(
             Claim(
-                what=f"share about {reference}, N = 150",
+                what="share, N = 150",
+                across=f"about {reference}",
                 paper="blocks only",
                 reference=right,
                 tolerance=0.01 * right,

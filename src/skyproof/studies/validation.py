@@ -164,11 +164,22 @@ def _families(rows: Sequence[tuple[str, str, tuple[str, ...]]]) -> Iterator[str]
     for parameter, cells_of in of_what.items():
         tables.setdefault(tuple(cells_of), []).append(parameter)
     for columns, names in tables.items():
-        numbers = [cells[1:-1] for parameter in names for cells in of_what[parameter].values()]
-        kept = [n for n in range(len(FAMILY)) if _is_filled(row[n] for row in numbers)]
-        yield from ("", _row(", ".join(FAMILY[n] for n in kept), *columns), _row(*["---"] * (len(columns) + 1)))
+        every = [cells for parameter in names for cells in of_what[parameter].values()]
+        kept = [n for n in range(len(FAMILY)) if _is_filled(cells[n + 1] for cells in every)]
+        papers = {cells[0] for cells in every}
+        paper = f"paper: {papers.pop()}; " if len(papers) == 1 and NONE not in papers else ""
+        head = paper + ", ".join(FAMILY[n] for n in kept)
+        yield from ("", _row(head, *columns), _row(*["---"] * (len(columns) + 1)))
         for parameter in names:
-            yield _row(parameter, *(_of_family(cells, kept) for cells in of_what[parameter].values()))
+            row = of_what[parameter].values()
+            yield _row(parameter + _name_tolerance(row), *(_of_family(cells, kept) for cells in row))
+
+
+def _name_tolerance(row: Iterable[tuple[str, ...]]) -> str:
+    """Name the tolerance that all figures of a row share."""
+    tolerances = {cells[-1].removeprefix("**not** ") for cells in row}
+    tolerance = tolerances.pop()
+    return "" if tolerances or tolerance == NONE else f", {tolerance}"
 
 
 def _of_family(cells: tuple[str, ...], kept: Sequence[int]) -> str:

@@ -284,7 +284,8 @@ def _delay_claim(code: float, doppler: float) -> Claim:
         return min(of(f"paper, limits {kind}", "mean_delay_ms")(rows) for kind in ("scaled", "balanced"))
 
     return Claim(
-        what=f"{code:g} chip and {doppler:g} Hz",
+        what="mean delay, ms",
+        across=f"{code:g} chip, {doppler:g} Hz",
         paper="no delays",
         same=paper,
         better=of("bank of cumulative sums", "mean_delay_ms"),
@@ -395,7 +396,8 @@ STUDIES: tuple[Study, ...] = (
         ),
         claims=tuple(
             Claim(
-                what=f"mean of {metric}, {cn0} dB-Hz, K = {k}",
+                what=f"mean of {metric}",
+                across=f"{cn0} dB-Hz, K = {k}",
                 paper=_PICTURE,
                 reference=reference,
                 tolerance=0.001,
@@ -423,7 +425,8 @@ STUDIES: tuple[Study, ...] = (
         ),
         claims=tuple(
             Claim(
-                what=f"PRN 2 has the largest parameter, 40 dB-Hz, K = {k}",
+                what="PRN 2 has the largest parameter, 40 dB-Hz",
+                across=f"K = {k}",
                 paper=_PICTURE,
                 reference=reference,
                 same=value_of("p_largest", attack="PRN 2", k=k, prn=2),
@@ -532,7 +535,8 @@ STUDIES: tuple[Study, ...] = (
         ),
         claims=tuple(
             Claim(
-                what=f"P_D of PRN {prn}",
+                what="P_D",
+                across=f"PRN {prn}",
                 paper=_PICTURE,
                 reference=reference,
                 tolerance=1e-4,
@@ -575,7 +579,7 @@ STUDIES: tuple[Study, ...] = (
         title="Time to detection at equal false alarms",
         paper=PAPER,
         figure="none",
-        note="Mean delay in ms, PRN 2 attacked, 0.001 false alarms a second.",
+        note="PRN 2 attacked, 0.001 false alarms a second.",
         run=delay_rows,
         charts=(
             Axes(
