@@ -5,7 +5,6 @@ import itertools
 import json
 import pkgutil
 import re
-import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -200,19 +199,8 @@ def scene_names() -> list[str]:
 
 def scenes(link: str) -> str:
     """A table of the ready-made scenes, each with a link, in which {} stands for the name."""
-    return _table(
-        ("scene", "what happens", "source"),
-        [
-            (f"[`{name}`]({link.format(name)})", _cell(one.title), _source(one))
-            for name, one in load_ready_made().items()
-        ],
-    )
-
-
-def _source(scene: Any) -> str:
-    """Return what a scene's file names as its source; nothing where that is this package."""
-    source = tomllib.loads(scene.path.read_text(encoding="utf-8"))["source"]
-    return "" if source == "this package" else _cell(source)
+    rows = [(f"[`{name}`]({link.format(name)})", _cell(one.title)) for name, one in load_ready_made().items()]
+    return _table(("scene", "what happens"), rows)
 
 
 def study_list() -> str:

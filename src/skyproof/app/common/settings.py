@@ -75,18 +75,16 @@ class Settings(BaseModel):
     oscillator: Literal["quartz", "tcxo", "ocxo", "csac", "rubidium"] | None = Field(
         default=None,
         examples=["ocxo"],
-        description="What the receivers' clocks run on, freely: a false time is known from a true one by how far such "
-        "a clock wanders (`common_change`, the choice between skies). `continuity` and vector tracking allow for any "
-        "clock. Not for a receiver that steers its clock.",
+        description="What the receivers' clocks run on, freely, for `common_change` and the choice between skies; not "
+        "for a receiver that steers its clock.",
     )
     clean_start_s: Number = Field(
         default=30.0,
         ge=0.0,
         le=1e5,
-        description="For so long from the start of the run the signals are taken as true, unless there is a sign "
-        "against it: where a receiver later gets two skies, what is predicted from then on says which is true. An "
-        "inertial unit is corrected for longer: as long as no test fails. 0 takes nothing for true. Tests of whether a "
-        "receiver continues begin with its first window, whatever this is.",
+        description="For so long from the start signals count as true, unless there is a sign against it, and teach "
+        "the predictions that choose between two skies. An inertial unit is corrected as long as no test fails. 0 "
+        "takes nothing for true.",
     )
     wrong_choice_probability: Number = Field(
         default=1e-3,
@@ -128,8 +126,8 @@ class Settings(BaseModel):
     not_driving: tuple[_GpsSatellite, ...] | None = Field(
         default=None,
         examples=[["G02"]],
-        description="Satellites whose signals do not drive vector tracking, such as those that a run before has "
-        "labelled spoofed: each of their channels follows its own signal, and is measured and judged as ever.",
+        description="Satellites that do not drive vector tracking, such as those labelled spoofed before: each of "
+        "their channels follows its own signal.",
     )
     doppler_max_hz: Number = Field(
         default=7000.0, gt=0.0, le=1e6, description="Largest Doppler searched, oscillator error included."
