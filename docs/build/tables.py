@@ -141,17 +141,17 @@ def keys(name: str) -> str:
         option = f"--{key.replace('_', '-')}"
         if model is Settings and option in OPTIONS:
             means = f"as `{option}`"
-        example = f"`{write_one_line(field.examples[0])}`" if field.examples else ""
-        rows.append((f"`{key}`", default, example, _cell(means[:1].upper() + means[1:])))
-    heads = ["key", "default", "example", "means"]
-    if not any(example for _, _, example, _ in rows):
-        heads.remove("example")
-        if model.__module__ == WRITTEN or all(default == "needed" for _, default, _, _ in rows):
-            heads.remove("default")
+        example = write_one_line(field.examples[0]) if field.examples else ""
+        if example.startswith(("{", "[")):  # of a plain value the default or the unit is enough
+            means = f"{means} `{example}`"
+        rows.append((f"`{key}`", default, _cell(means[:1].upper() + means[1:])))
+    heads = ["key", "default", "means"]
+    if model.__module__ == WRITTEN or all(default == "needed" for _, default, _ in rows):
+        heads.remove("default")
     cells_of = []
     for same, group in itertools.groupby(rows, key=lambda row: row[1:]):  # neighbours that mean the same share a row
         names = ", ".join(row[0] for row in group)
-        cells_of.append(dict(zip(("key", "default", "example", "means"), (names, *same), strict=True)))
+        cells_of.append(dict(zip(("key", "default", "means"), (names, *same), strict=True)))
     return _table(heads, [[row[head] for head in heads] for row in cells_of])
 
 
@@ -239,8 +239,8 @@ def policies() -> str:
 
 
 def policy_files(link: str) -> str:
-    """Make a table of the files that hold those numbers, each with a link, in which {} stands for the path."""
-    return _table(("room", "file"), [(room, f"[`{path}`]({link.format(path)})") for room, path, _ in _policies()])
+    """List the files that hold those numbers, each with a link, in which {} stands for the path."""
+    return "\n".join(f"- [`{path}`]({link.format(path)})" for _, path, _ in _policies())
 
 
 def _policies() -> Iterator[tuple[str, str, Any]]:

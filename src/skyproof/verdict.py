@@ -259,12 +259,9 @@ class SourceDirection(_Model):
     correlation: float = Field(ge=-1.0, le=1.0, description="Correlation of the two.")
 
 
-class SourcePlace(_Model):
+class SourcePlace(Place):
     """Where a source stands: where the directions meet in which it is seen from several places."""
 
-    lat_deg: LatDeg
-    lon_deg: LonDeg
-    height_m: HeightM
     sigma_up_m: Sigma = Field(description="Standard deviation upwards, metres.")
     ellipse_major_m: Sigma = Field(description="Half axes of the horizontal ellipse of 95 %, metres.")
     ellipse_minor_m: Sigma = Field(description="Half axes of the horizontal ellipse of 95 %, metres.")
