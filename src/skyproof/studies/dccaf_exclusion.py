@@ -37,14 +37,14 @@ _PICTURE: Final = "a picture"
 _ONE_RUN: Final = "one run"
 _COUNTED: Final = (
     Claim(
-        what="drift counted over that of the linear covariance: the farthest from one of all rows and axes",
+        what="drift over the linear covariance's, farthest from one",
         paper="none",
         reference=1.0,
         same=_farthest,
         tolerance=lambda rows: float(4.5 / np.sqrt(2.0 * min(row["trials"] for row in rows))),
     ),
     Claim(
-        what="wrong choices by covariance, counted less predicted, in sigmas: the farthest of all rows",
+        what="wrong choices, counted less predicted, in sigmas, farthest",
         paper="none",
         reference=0.0,
         same=_largest_excess,
@@ -170,7 +170,7 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
         title="After a clean fix: how soon and how long the next choice is safe",
         paper=PAPER,
         figure="None: the interval between decompositions",
-        note="By the rule of thumb (same) and as counted (better).",
+        note="Wrong choices by the rule of thumb (same) and as counted (better).",
         run=interval,
         charts=(
             Axes(
@@ -187,7 +187,7 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
         claims=(
             *(
                 Claim(
-                    what=f"{grade}, {errors}: wrong choice after {interval_s} s",
+                    what=f"{grade}, {errors}: {interval_s} s",
                     paper="left for later",
                     reference=reference,
                     same=value_of("wrong_rule", grade=grade, errors=errors, interval_s=interval_s),
@@ -213,6 +213,7 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
         title="A tactical unit that takes a fix on its way",
         paper=PAPER,
         figure="Figure 14",
+        note="At 233 s, restarted at 190 s.",
         run=restart,
         charts=(
             Axes(
@@ -227,22 +228,21 @@ STUDIES_OF_EXCLUSION: Final[tuple[Study, ...]] = (
         ),
         claims=(
             Claim(
-                what="table 1: wrong choice at 233 s by distance, without a restart",
+                what="table 1: wrong choice by distance, without a restart",
                 paper="unreliable",
                 reference=0.24,
                 same=value_of("wrong_nearest", errors="table 1", restart="none"),
                 tolerance=0.04,
             ),
             Claim(
-                what="table 1: wrong choice at 233 s, place set at 190 s, by distance (same) and covariance (better)",
-                paper="none: a picture of one run",
+                what="table 1: wrong choice, place set, by distance (same) and covariance (better)",
+                paper="one run",
                 same=value_of("wrong_nearest", errors="table 1", restart=SET),
                 better=value_of("wrong_covariance", errors="table 1", restart=SET),
             ),
             *(
                 Claim(
-                    what=f"tactical, {errors}: drift east at 233 s, m, place set (same), place and velocity updated "
-                    "(better) at 190 s",
+                    what=f"tactical, {errors}: drift east, m, place set (same), place and velocity updated (better)",
                     paper=_ONE_RUN,
                     reference="see the covariance below",
                     same=value_of("east_m", errors=errors, restart=SET),

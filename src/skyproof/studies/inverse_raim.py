@@ -222,7 +222,7 @@ STUDIES: tuple[Study, ...] = (
             ),
             *(
                 Claim(
-                    what=f"{name} sets, ms (same: every set; better: branch and bound)",
+                    what=f"{name} sets, ms (better: branch and bound)",
                     paper="not stated",
                     reference=reference,
                     same=value_of("ms_exhaustive", satellites=satellites, signals=signals),
