@@ -192,7 +192,7 @@ def read_body(
 
 
 def _report_end(lines: Lines, rows: SatelliteRows, header: Header) -> Iterable[str]:
-    """Yield remarks on signs that the file went on after the last of the lines."""
+    """Yield remarks on signs that the file continued after the last of the lines."""
     if any(Remark.kind_of(remark) is RemarkKind.CUT for remark in rows.remarks):
         return
     if lines.text.size and lines.text[-1] != ord("\n"):

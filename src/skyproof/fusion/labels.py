@@ -86,7 +86,7 @@ def label_signals(evidence: Sequence[Finding], observations: Sequence[Observatio
 def _sort_by_window(evidence: Sequence[Finding]) -> Sequence[Finding]:
     """Sort evidence by the windows' times.
 
-    Evidence of a run is in that order and may be too much to hold, so it is returned as it is.
+    Evidence of a run is in that order and may be too much to hold, so it is returned unchanged.
     """
     times = np.fromiter((t for e in evidence for t in (e.start_gpst, e.end_gpst)), "datetime64[ns]").reshape(-1, 2)
     order = np.lexsort((times[:, 1], times[:, 0]))

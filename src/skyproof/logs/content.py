@@ -120,7 +120,7 @@ class LogPiece:
     """What a stretch of a log holds; None or empty where it holds none of a kind.
 
     observations : elapsed time counts from the first epoch of the piece. frames, ephemerides : broadcast messages, and
-        orbits that the protocol relays by itself. messages : how many frames of each name were
+        orbits that the protocol itself relays. messages : how many frames of each name were
         read ("RXM-RAWX", "RTCM 1077", "NMEA GGA"). damaged_frames : how many failed their checksum or their length.
     undated_epochs : left out, for the log has not said the week. cut : the log ends inside a frame; in its last piece
         only.
@@ -158,7 +158,7 @@ class LogReader(Protocol):
     """What reads the frames of one protocol, stretch by stretch, and remembers what later ones need."""
 
     def read(self, frames: Frames) -> LogPiece:
-        """Read the frames of its protocol; `damaged_frames` and `cut` are of whoever splits the stream."""
+        """Read the frames of its protocol; whoever splits the stream counts `damaged_frames` and `cut`."""
 
 
 def report_untimed(epochs: int) -> Remark:

@@ -25,7 +25,7 @@ _LONGEST_NMEA: Final = 1000
 
 
 class Protocol(IntEnum):
-    """What a frame is of."""
+    """Which protocol a frame belongs to."""
 
     UBX = 1
     SBF = 2
@@ -63,7 +63,7 @@ class Frames:
 def split_frames(blocks: Iterable[bytes]) -> Iterator[Frames]:
     """Split a stream into frames, stretch by stretch; a frame that a block cuts goes to the next stretch.
 
-    Bytes between frames are skipped. Where a checksum fails the search goes on one byte later, so that a damaged
+    Bytes between frames are skipped. Where a checksum fails the search continues one byte later, so that a damaged
     length costs one frame.
     """
     rest, at = np.empty(0, np.uint8), 0

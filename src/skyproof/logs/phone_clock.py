@@ -66,11 +66,11 @@ class PhoneClock:
     def join(
         self, label_ns: Integers, part: Integers, signal: Integers, code_m: Reals, rate_m_s: Reals
     ) -> tuple[Integers, Reals]:
-        """Return what a clock that goes on over the stops shows less at rows (n,), ns, and its rate, m/s.
+        """Return what a clock that continues over the stops shows less at rows (n,), ns, and its rate, m/s.
 
         A stop of unknown length, after which the oscillator has another rate, adds the same to all codes and to all
         their rates: the median of what the signals show beyond their last measurement is taken off. What satellites do
-        differently stays as it is. The phone's own bias counts where no signal is left. Whole milliseconds are given
+        differently stays. The phone's own bias counts where no signal is left. Whole milliseconds are given
         back.
         """
         more = max(int(signal.max(initial=-1)) + 1 - len(self._last), 0)

@@ -274,7 +274,7 @@ class _Contents:
 
     @property
     def kind(self) -> Octets:
-        """What each message is of `_KINDS`."""
+        """Return the number of each message in `_KINDS`."""
         return np.asarray(_KINDS[self.number])
 
     def rows(self, chosen: Booleans) -> "_Contents":

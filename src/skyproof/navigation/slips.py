@@ -22,7 +22,7 @@ def mark_slips(o: Observations) -> Observations:
     """Mark the cells whose carrier both its code and its Doppler contradict.
 
     Where a Doppler is missing the carrier's own steps before and after stand for it. A clock that steps takes code and
-    carrier along, and codes that jump leave carrier and Doppler as they are: neither is marked.
+    carrier along, and codes that jump leave carrier and Doppler unchanged: neither is marked.
     """
     broke = _find_contradicted(o)
     if not broke.any():

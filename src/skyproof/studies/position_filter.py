@@ -45,7 +45,7 @@ _JUMP_M = 1000.0  # receivers move their clocks by a millisecond, 300 km; oscill
 class Filtered:
     """What `step` gives out.
 
-    fix : residuals are of the code, with the errors b left in. Status 1 where no measurement was used.
+    fix : residuals are the code's, with the errors b left in. Status 1 where no measurement was used.
     nis, nis_dof : (n_epochs,) normalised innovation squared, chi-square with that many degrees; NaN at a start.
     rejected : (n_epochs, n_signals) a code or Doppler did not fit and was not used.
     slipped : (n_epochs, n_signals) a carrier did not fit the one before: a slip that nothing had reported.

@@ -1,7 +1,7 @@
 """Are p-values uniform under the null? Every test of `detectors` and `statistics`, counted.
 
 A p-value is uniform if it comes at or below p with probability p, whatever p. Then a threshold is right at any rate
-asked for, and p-values can be put together with others. Kolmogorov's test is of the whole distribution, the counts
+asked for, and p-values can be put together with others. Kolmogorov's test covers the whole distribution, the counts
 below 1 % and 0.1 % of the tail, which decides. A test that is only approximate says how far it is off.
 """
 

@@ -55,7 +55,7 @@ def drawn_seconds(
 
 
 def echo_delays_m(rng: np.random.Generator, model: EchoModel, elevation_deg: Reals) -> Reals:
-    """How late an echo is of satellites at these elevations (m,)."""
+    """Draw how late echoes of satellites at these elevations (m,) come."""
     m = elevation_deg.size
     kind = np.minimum(elevation_deg // 15.0, 5).astype(int)
     near_m = rng.gamma(np.take(_SHAPE, kind), np.take(_SCALE_M, kind))

@@ -70,7 +70,7 @@ def equilibrium(
     """Settled offsets (20), (21) under an attack that adds `code_chips` (..., n) and `doppler_hz` (..., n).
 
     Code: S dC = S C^s and G^T gamma1(dC) = 0, four equations, by Newton. Phase: gamma2(dC, dphi) = pi T S f^s, one
-    equation a satellite, on the branch from zero to the maximum of gamma2. `cn0_dbhz` is of one update of the loops
+    equation a satellite, on the branch from zero to the maximum of gamma2. `cn0_dbhz` holds for one update of the loops
     (`coherent_s` long), not of the sums that a metric takes; one number or one per satellite.
     """
     code_s, doppler_s, cn0 = np.broadcast_arrays(

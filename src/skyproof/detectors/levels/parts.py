@@ -58,9 +58,9 @@ class LevelStep(NamedTuple):
 class PowerStep(NamedTuple):
     """Where signals of a kind get stronger while more power comes in.
 
-    p_signals : that so many get so much stronger, each by itself. p_power : of so much more power. p_alike : that
+    p_signals : that so many get so much stronger, each independently. p_power : of so much more power. p_alike : that
     all change alike, as by a change of gain before the noise is added. rise_db : median of the satellites.
-    satellites : that were compared. p_value : of both at once; 1 where one of them is no surprise by itself, as with
+    satellites : that were compared. p_value : of both at once; 1 where one of them alone is no surprise, as with
     shade that ends and noise that begins.
     """
 

@@ -36,7 +36,7 @@ class Snapshots:
         self.settings = settings or SnapshotsSettings()
 
     def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
-        """Return a finding for each receiver of which the recording is a snapshot."""
+        """Return a finding for each receiver whose recording is a snapshot."""
         report = Reporter(self, records, Hypothesis.CONTINUOUS)
         if lacking := report.name_missing():
             return lacking, state
