@@ -238,8 +238,8 @@ def one_spoofer(settings: StudySettings) -> Iterator[Row]:
 def many(settings: StudySettings) -> Iterator[Row]:
     """Table 2 (PRN 2 attacked alone, 0.4 chip and 200 Hz) and the attack of Table 3 on three satellites at once.
 
-    `p_d_theory` and `p_d_simulated` belong to `tested_prn`, `p_d_rule` to the whole rule, and `p_d_parity` to the parity
-    test at the false-alarm probability `p_fa` of the paper's Table 1, counted.
+    `p_d_theory` and `p_d_simulated` belong to `tested_prn`, `p_d_rule` to the whole rule. `p_d_parity` belongs to the
+    parity test at the false-alarm probability `p_fa` of the paper's Table 1, counted.
     """
     trials = settings.count(1_000_000, 100_000)
     cases = [((2,), CHIPS, HZ, 2, *case) for case in CASES] + [(THREE, 0.5, 250.0, 20, 45, k) for k in (1, 10)]
