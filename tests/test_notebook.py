@@ -1,6 +1,8 @@
 """The tutorial runs from its first cell to its last, and what it makes holds what the manual says of it."""
 
+import ast
 import importlib
+import inspect
 import json
 import re
 import sys
@@ -36,6 +38,21 @@ def test_the_tutorial_shows_what_its_cells_give() -> None:
     assert len(shows) >= 9
     assert all(cell["outputs"] for cell in shows)
     assert (DOCS / "tutorial.ipynb").stat().st_size < 200_000
+
+
+def test_every_name_that_the_tutorial_imports_is_there() -> None:
+    # The tutorial itself runs among the long tests only.
+    source = "\n".join("".join(cell["source"]) for cell in read_cells() if cell["cell_type"] == "code")
+    tree, modules = ast.parse(source), {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            modules |= {name.asname or name.name: importlib.import_module(name.name) for name in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found = {name.name: getattr(importlib.import_module(str(node.module)), name.name) for name in node.names}
+            modules |= {name: value for name, value in found.items() if inspect.ismodule(value)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in modules:
+            assert hasattr(modules[node.value.id], node.attr), f"{node.value.id}.{node.attr}"
 
 
 @pytest.mark.long
