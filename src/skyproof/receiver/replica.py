@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Reals
+from skyproof.compiled import compiled
 from skyproof.receiver.correlator import REACH_CHIPS, table_pad
 
 __all__ = ["CODE_SCALE", "code_table", "low_pass_gain"]
@@ -48,16 +49,26 @@ def code_table(
     """
     pad = table_pad(chips_per_sample, reach_chips)
     points = 2 ** math.ceil(math.log2(max(POINTS / chips_per_sample, POINTS)))  # a chip
-    line = np.arange(code.size * points // 2 + 1)
+    line = np.arange(min(code.size * points // 2, math.ceil(0.5 * code.size / chips_per_sample)) + 1)
     cycles_per_chip = line / code.size
     chip = (
         np.sinc(cycles_per_chip) * np.exp(-1j * np.pi * cycles_per_chip) * low_pass(cycles_per_chip * chips_per_sample)
     )
     period = np.fft.irfft(np.fft.fft(code)[line % code.size] * chip, code.size * points) * points
-    samples = np.arange(n_samples + 2 * pad) - pad + np.arange(n_phases)[:, np.newaxis] / n_phases
-    # Straight lines between points that are evenly spaced: np.interp would search for each.
-    at = samples * (chips_per_sample * points)
-    whole = np.floor(at)
-    point = whole.astype(np.int64) % period.size
-    smooth = period[point] + (at - whole) * np.diff(period, append=period[:1])[point]
-    return np.asarray(np.clip(np.rint(CODE_SCALE * smooth), -127, 127), np.int8)
+    table = np.empty((n_phases, n_samples + 2 * pad), np.int8)
+    _fill_table(period, chips_per_sample * points, pad, table)
+    return table
+
+
+@compiled
+def _fill_table(period: Reals, points_per_sample: float, pad: int, table: NDArray[np.int8]) -> None:
+    """Read a table from straight lines between evenly spaced points of one period."""
+    n_phases, columns = table.shape
+    for phase in range(n_phases):
+        for column in range(columns):
+            at = (column - pad + phase / n_phases) * points_per_sample
+            whole = math.floor(at)
+            point = int(whole) % period.size
+            after = point + 1 if point + 1 < period.size else 0
+            smooth = period[point] + (at - whole) * (period[after] - period[point])
+            table[phase, column] = np.int8(min(max(np.rint(CODE_SCALE * smooth), -127.0), 127.0))
