@@ -43,15 +43,15 @@ class Lookout:
         """
         now_s = state.frame * self.settings.frame_s
         settings = self.settings
-        alive = np.flatnonzero(state.tail.any(axis=(1, 2))).tolist() or [0]
         for searcher, every_s, dopplers in (
             (self.searcher, self._full_search_s(state), self._list_all_dopplers(state)),
             (self.near_searcher, settings.near_search_s, self._list_near_dopplers(state, now_s)),
         ):
+            if not dopplers or state.tail_start + state.tail.shape[-1] - begin < searcher.n_samples:
+                continue
+            alive = _list_alive(state)
             antenna = alive[round(now_s / every_s) % len(alive)]
             samples = state.tail[antenna, :, begin - state.tail_start :]
-            if not dopplers or samples.shape[1] < searcher.n_samples:
-                continue
             peaks = searcher.search(samples, self.if_hz, dopplers, self._list_known(state, begin))
             for peak in peaks:
                 state = self.start_channel(state, peak, begin, now_s, antenna, rows_shape)
@@ -121,6 +121,13 @@ class Lookout:
         missed_s = state.searched.get(peak.sat, {}).get(_bin(peak.doppler_hz), np.nan)
         channel = Channel(sat=peak.sat, began_s=now_s, found_s=now_s, missed_s=missed_s, arc=state.next_arc)
         return with_channel(state, channel, loop, peak.delay_s, antenna=antenna, rows_shape=rows_shape)
+
+
+def _list_alive(state: ReceiverState) -> list[int]:
+    """List the antennas with samples other than zero; the first if there is none, or no other."""
+    if len(state.tail) == 1:
+        return [0]
+    return np.flatnonzero(state.tail.any(axis=(1, 2))).tolist() or [0]
 
 
 def _bin(doppler_hz: float) -> int:
