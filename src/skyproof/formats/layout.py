@@ -209,14 +209,23 @@ def _unpack(octets: Octets, tables: Floats, n_channels: int, channel: int, start
     first_byte = (start + head) // per_byte
     body = slice(head, head + n_bytes * per_byte)
     if n_bytes:
-        codes = octets[first_byte : first_byte + n_bytes].astype(np.intp)
-        for table, plane in zip(tables, planes, strict=False):
-            # "clip" because "raise" makes a copy of the result; a byte is never out of range
-            np.take(table, codes, axis=0, out=plane[body].reshape(n_bytes, per_byte), mode="clip")
+        codes = octets[first_byte : first_byte + n_bytes]
+        pair: type = np.uint64 if per_byte % 2 == 0 else np.uint32  # two samples are moved as one number
+        for table, plane in zip(tables.view(pair), planes, strict=False):
+            _look_up(codes, table, plane[body].view(pair))
     for edge in (slice(0, head), slice(body.stop, count)):
         if edge.start < edge.stop:
             index = np.arange(start + edge.start, start + edge.stop) * n_channels + channel
             planes[: len(tables), edge] = tables[:, octets[index // per_byte], index % per_byte]
+
+
+@compiled
+def _look_up(codes: Octets, table: Integers, plane: Integers) -> None:
+    """Fill a plane with a row of the table (256, n) for each code."""
+    n = table.shape[1]
+    for first in range(n):
+        for k in range(codes.size):
+            plane[first + k * n] = table[codes[k], first]
 
 
 # --- two numbers in three bytes
