@@ -90,7 +90,7 @@ COMPUTING = {
     "app/receive/run": {"DIGITS", "HEADER_FIXES"},
     "app/receive/short_signals": {"_BLOCK_S", "_MOST_BLOCKS", "_NOTHING_NEW"},
     "app/receive/snapshot": {"_DOPPLER_STEP_HZ"},
-    "app/receive/tracker": {"BLOCK_S"},
+    "app/receive/tracker": {"BLOCK_S", "BLOCK_SAMPLES"},
     "app/receive/vector": {"AHEAD_EPOCHS", "DECODE_S"},
     "array/agreement": {"_CANDIDATES", "_CELL_RAD", "_MOST_ROTATIONS"},
     "array/arrivals": {"_CELL_RAD", "_MOST_CELLS", "_ROUNDS", "_STARTS", "_STEP_LEAST_RAD", "_STEP_MOST_RAD"},

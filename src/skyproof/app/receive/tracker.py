@@ -31,7 +31,8 @@ from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["Tracker", "build_receiver_settings", "carrier_at_hz", "clean_antennas", "set_up_guiding", "track"]
 
-BLOCK_S = 0.5
+BLOCK_S, BLOCK_SAMPLES = 0.5, 2_500_000
+"""At most, of one antenna: larger blocks leave the processor's cache, and their memory is cleared each time."""
 
 
 @dataclass(kw_only=True)
@@ -62,7 +63,7 @@ class Tracker:
 
     def advance(self) -> bool:
         """Process the next block; False when the recording has ended, or can be read no further."""
-        count = min(int(BLOCK_S * self.samples.rate_hz), self.samples.n_samples - self.position)
+        count = min(int(BLOCK_S * self.samples.rate_hz), BLOCK_SAMPLES, self.samples.n_samples - self.position)
         if count <= 0 or self.broken:
             return False
         try:
