@@ -28,15 +28,14 @@ def load_detectors() -> dict[str, type[Detector]]:
         says from which package and why.
     """
     found: dict[str, type[Detector]] = {}
-    packages: dict[str, str] = {}
+    points: dict[str, EntryPoint] = {}
     for point in list_registered():
-        package = package_of(point)
         if point.name in found:
             raise SettingsError(
-                f"detector {point.name!r} is registered twice, by {packages[point.name]} and by {package}; "
-                "rename one, or uninstall one of the packages"
+                f"detector {point.name!r} is registered twice, by {package_of(points[point.name])} and by "
+                f"{package_of(point)}; rename one, or uninstall one of the packages"
             )
-        found[point.name], packages[point.name] = _load(point, package), package
+        found[point.name], points[point.name] = _load(point), point
     return found
 
 
@@ -62,19 +61,19 @@ def instantiate(kind: type[Detector], settings: Any) -> Detector:
         ) from error
 
 
-def _load(point: EntryPoint, package: str) -> type[Detector]:
+def _load(point: EntryPoint) -> type[Detector]:
     """Load a detector from its entry point; raise SettingsError if it is no detector of this name."""
     try:
         kind = point.load()
         fault = _find_declaration_fault(kind(), point.name)
     except Exception as error:
         raise SettingsError(
-            f"detector {point.name!r} of {package} cannot be loaded from {point.value}: {_describe_error(error)}; "
-            "repair or uninstall that package"
+            f"detector {point.name!r} of {package_of(point)} cannot be loaded from {point.value}: "
+            f"{_describe_error(error)}; repair or uninstall that package"
         ) from error
     if fault:
         raise SettingsError(
-            f"detector {point.name!r} of {package}, {point.value}: {fault}; repair or uninstall that package"
+            f"detector {point.name!r} of {package_of(point)}, {point.value}: {fault}; repair or uninstall that package"
         )
     loaded: type[Detector] = kind
     return loaded
