@@ -5,6 +5,8 @@ import errno
 import os
 import re
 import stat
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -259,3 +261,16 @@ def test_a_device_is_not_replaced_by_a_file():
     with pytest.raises(OutputError, match="regular"):
         write_lines("/dev/null", ["a"])
     assert stat.S_ISCHR(os.stat("/dev/null").st_mode)
+
+
+def test_a_table_in_parquet_needs_no_pandas(tmp_path):
+    script = (
+        "import sys, numpy as np; from skyproof.formats.tables import Words, open_growing_tables\n"
+        f"with open_growing_tables([{str(tmp_path / 'table.parquet')!r}]) as take:\n"
+        "    words = Words(np.array([0, 1]), ['a', 'b'])\n"
+        "    take({'real': np.array([1.0, np.nan]), 'text': np.array(['x', None], object), 'words': words})\n"
+        "assert 'pandas' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True)
+    table = pq.read_table(tmp_path / "table.parquet").to_pydict()
+    assert table == {"real": [1.0, None], "text": ["x", None], "words": ["a", "b"]}

@@ -53,6 +53,7 @@ FIXES_COLUMNS: Final = (
     "vertical_protection_m",
     "hidden_m",
 )
+_TEXT_TYPES: Final = {str, type(None)}
 _CSV_ROWS: Final = 8192  # turned to text at once, so that memory does not grow with the table
 
 
@@ -195,13 +196,29 @@ def _fix_columns(kind: str, fix: Fix) -> dict[str, NDArray[Any]]:
 
 
 def _convert_to_arrow(column: Column) -> Any:
+    """Convert a column from its bytes: `pyarrow.array` imports pandas first where that is installed."""
     if isinstance(column, Words):
-        return pa.array(list(column.words), pa.string()).take(pa.array(column.codes))
+        return _convert_texts(list(column.words)).take(_convert_to_arrow(column.codes))
     column = np.asarray(column)
     if column.dtype.kind == "M":
         column = column.astype("datetime64[ns]")
-    values = pa.array(column, from_pandas=True)  # NaN to null
-    return values.cast(pa.string()) if pa.types.is_null(values.type) else values  # texts, none of them there
+    elif column.dtype.kind not in "iuf":
+        texts = column.tolist()
+        return pa.array(column, from_pandas=True) if {type(t) for t in texts} - _TEXT_TYPES else _convert_texts(texts)
+    missing = np.isnat(column) if column.dtype.kind == "M" else np.isnan(column)
+    return _build_array(pa.from_numpy_dtype(column.dtype), missing, column)
+
+
+def _convert_texts(texts: Sequence[str | None]) -> Any:
+    words = [b"" if text is None else text.encode() for text in texts]
+    ends = np.cumsum([0, *map(len, words)], dtype=np.int32)
+    return _build_array(pa.string(), np.array([text is None for text in texts], np.bool_), ends, b"".join(words))
+
+
+def _build_array(kind: Any, missing: NDArray[np.bool_], *buffers: NDArray[Any] | bytes) -> Any:
+    known = pa.py_buffer(np.packbits(~missing, bitorder="little")) if missing.any() else None
+    held = [pa.py_buffer(b if isinstance(b, bytes) else np.ascontiguousarray(b)) for b in buffers]
+    return pa.Array.from_buffers(kind, missing.size, [known, *held])
 
 
 def _write_csv_lines(columns: Mapping[str, Column], *, headed: bool) -> Iterator[str]:
