@@ -135,6 +135,7 @@ class StatementTest(ShortRepr):
     one_place : carriers put the receivers' antennas into one place, to millimetres and not by chance. shown : what the
         signals show instead, over the window. p_value : of the statement, where the signals do not decide.
     fitting : codes of slips that carriers fit, none if they fit the statement, None if they do not tell.
+    p_elsewhere : of "the antennas stand elsewhere than stated, and did so before", when they were seen as stated.
     """
 
     key: str
@@ -144,6 +145,7 @@ class StatementTest(ShortRepr):
     shown: Baseline | None = None
     p_value: float | None = None
     fitting: tuple[str, ...] | None = None
+    p_elsewhere: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)

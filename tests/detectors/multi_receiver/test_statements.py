@@ -9,6 +9,7 @@ from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.slips import UNLISTED, list_position_slips
+from skyproof.records import Cause
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
 TRUE_M = (24.0, 18.0, 6.0)
@@ -204,3 +205,38 @@ def test_antennas_nearer_than_they_are_said_to_be_at_least_fail(least_m, fails):
     assert {cause.about for e in evidence for cause in e.wrong_statements} == (
         {"antenna_separation_m"} if fails else set()
     )
+
+
+NOT_FAR = {"rx1": (0.0, 0.0, 0.0), "rx2": (4.0, 3.0, 0.0)}
+ONE_LED_AWAY = {"sky": ("rx1",), "false": (replace(MEACONER, receivers=("rx2",), shows_enu_m=(150.0, -80.0, 3.0)),)}
+
+
+@pytest.mark.parametrize("stated", [{"antennas_enu_m": NOT_FAR}, {"antenna_distance_m": 5.0}], ids=["places", "far"])
+def test_antennas_that_stood_as_stated_before_leave_an_attack(stated):
+    # Code of antennas 5 m apart proves no window authentic, but shows that they did not stand elsewhere all along.
+    evidence = review_without_carriers([{}, ONE_LED_AWAY], **stated)
+    assert [e.says for e in evidence] == ["undecided", "attack"]
+    assert evidence[0].p_value >= 1e-3
+    assert evidence[1].p[Cause.STATEMENT] < 1e-6
+
+
+@pytest.mark.parametrize("stated", [{"antennas_enu_m": NOT_FAR}, {"antenna_distance_m": 5.0}], ids=["places", "far"])
+@pytest.mark.parametrize(
+    "places_m", [((150.0, -80.0, 3.0), (150.0, -80.0, 3.0)), ((150.0, 9.0, 3.0), (90.0, 9.0, 3.0))]
+)
+def test_antennas_that_never_stood_as_stated_leave_the_statement(stated, places_m):
+    windows = [{"antennas": {"rx1": (0.0, 0.0, 0.0), "rx2": place_m}} for place_m in places_m]
+    evidence = review_without_carriers(windows, **stated)
+    assert not select_against(evidence)
+    assert list_codes(evidence) == (UNLISTED,)
+
+
+def review_without_carriers(windows, **stated):
+    made = [make_windows(window, antennas=window.pop("antennas", NOT_FAR))[0] for window in map(dict, windows)]
+    bare = [
+        replace(
+            r, observations=tuple(replace(o, carrier_cyc=np.full_like(o.carrier_cyc, np.nan)) for o in r.observations)
+        )
+        for r in made
+    ]
+    return review_all(bare, false_alarm_probability=1e-6, **stated)

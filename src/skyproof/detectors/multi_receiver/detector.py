@@ -30,7 +30,7 @@ the receivers it reaches, or the beginning of the attack. Receivers need share n
 noise need not be white.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -38,7 +38,7 @@ import numpy as np
 
 from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
 from skyproof.detectors.multi_receiver.further_signals import Rates, find_further_signals
-from skyproof.detectors.multi_receiver.known_geometry import LearntBaseline, consistency_p_value
+from skyproof.detectors.multi_receiver.known_geometry import Fit, LearntBaseline, consistency_p_value
 from skyproof.detectors.multi_receiver.learnt import LearntDistances
 from skyproof.detectors.multi_receiver.one_set import decide_one_set
 from skyproof.detectors.multi_receiver.over_time import decide_over_time
@@ -59,6 +59,7 @@ class _Memory(NamedTuple):
 
     runs: tuple[WindowRun, ...]
     learnt: LearntDistances
+    shown: Mapping[tuple[str, ...], Fit]
 
 
 class MultiReceiver:
@@ -74,12 +75,12 @@ class MultiReceiver:
     def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
         """Return findings of this window, and of those before it that it helps to decide; never raises for what data
         lack."""
-        memory: _Memory = state or _Memory((), LearntDistances())
+        memory: _Memory = state or _Memory((), LearntDistances(), {})
         report = Reporter(self, records, Hypothesis.SKY_DIRECTIONS)
         lacking = report.name_missing()
         if lacking:
             return lacking, memory
-        window = Window(report, self.settings.place_antennas(records), memory.learnt)
+        window = Window(report, self.settings.place_antennas(records), memory.learnt, memory.shown)
         found = _decide_groups(window)
         learnt = memory.learnt
         for e in found:
@@ -88,7 +89,7 @@ class MultiReceiver:
         late, runs = decide_over_time(window, memory.runs, found)
         found += late
         found += _find_further_signals(window, found) if window.skies else []
-        return withhold_doubtful(records, window.skies, found), _Memory(runs, learnt)
+        return withhold_doubtful(records, window.skies, found), _Memory(runs, learnt, window.keep_shown())
 
     def review(self, findings: Sequence[Any]) -> Iterator[Any]:
         """Yield the findings of all windows again, revised by what the other windows show.

@@ -312,9 +312,7 @@ class LearntBaseline:
         return Reach(np.asarray(self.baseline.enu_m[0]), 0.0, POLICY.reach_sigmas * sigma_m)
 
 
-def geometry_survival(
-    geometry: AntennaGeometry, receivers: Sequence[str], estimate: BaselineEstimate, dof_den: Reals
-) -> Reals:
+def geometry_survival(geometry: Fit, receivers: Sequence[str], estimate: BaselineEstimate, dof_den: Reals) -> Reals:
     """Compute the p-value (G, ...) of "the sky over these antennas" for each noise considered, never too small.
 
     At the true baseline the squared deviation is chi-square; its degrees are the numbers to be met. The smallest one

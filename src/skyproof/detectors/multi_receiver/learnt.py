@@ -1,8 +1,11 @@
-"""Learn how far apart the antennas stood while both skies were received, for the windows after that.
+"""Learn how far apart the antennas stood in earlier windows, for the windows after that.
 
 An attack that begins beside the true sky and then drowns it leaves one set of signals in each receiver, which one
 antenna sends. Windows of the beginning, which separated the true sky from the false one, showed how far apart the
 antennas stand. On a body that turns this distance is all that lasts.
+
+A window in which the antennas may stand as stated keeps what it shows as well (`keep_shown`). If a later window shows
+them elsewhere, the statement is not what is wrong: antennas that stood elsewhere all along would have shown it before.
 """
 
 from collections.abc import Mapping
@@ -10,11 +13,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from skyproof.detectors.multi_receiver.known_geometry import LearntDistance
+from skyproof.detectors.multi_receiver.known_geometry import Fit, LearntBaseline, LearntDistance
+from skyproof.detectors.multi_receiver.pairing import Pairing
 from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.records import Baseline
 
-__all__ = ["LearntDistances"]
+__all__ = ["LearntDistances", "keep_shown"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,3 +46,14 @@ class LearntDistances:
         if np.any(np.abs(distances[:, 0] - middle_m) > POLICY.learnt_spread_sigmas * sigma_m):
             return None
         return LearntDistance(middle_m, sigma_m)
+
+
+def keep_shown(pairing: Pairing, *, places: bool) -> Fit | None:
+    """Return what a pairing shows of the antennas, under the largest noise; None if it shows nothing that lasts.
+
+    places : whether the antennas keep their places, east, north, up; else two of them keep their distance.
+    """
+    baseline = pairing.widest_baseline
+    if baseline is None or not (places or len(pairing.sets) == 2):
+        return None
+    return LearntBaseline(baseline) if places else LearntDistance(*baseline.distances_m[0])

@@ -20,7 +20,7 @@ from skyproof.detectors.multi_receiver.carriers import (
     sky_carriers,
 )
 from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, align_ranges, count_common_kinds
-from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, Fit, geometry_survival
+from skyproof.detectors.multi_receiver.known_geometry import Fit, geometry_survival
 from skyproof.detectors.multi_receiver.one_antenna import (
     ContrastLevels,
     MeanTest,
@@ -211,13 +211,30 @@ class Pairing:
             )
         return min(1.0, len(p_values) * min(p_values))
 
-    def survival(self, geometry: AntennaGeometry) -> float:
+    def survival(self, geometry: Fit) -> float:
         """Return the p-value of "the sky over antennas that stand so", never too small; 1 without orbits."""
         if self.unit_enu is None:
             return 1.0
         levels, matrix = self._levels
         estimate = estimate_baselines(levels, baseline_design(matrix, self.unit_enu))
         return float(levels.worst(geometry_survival(geometry, self.receivers, estimate, levels.dof))[0])
+
+    @property
+    def widest_baseline(self) -> Baseline | None:
+        """Return the baseline over the window under the largest noise that is considered; None without orbits."""
+        if self.unit_enu is None:
+            return None
+        levels, matrix = self._levels
+        estimate = estimate_baselines(levels, baseline_design(matrix, self.unit_enu))
+        spread_m2 = np.trace(estimate.covariance_m2, axis1=-2, axis2=-1)
+        widest = int(np.argmax(np.where(levels.plausible, spread_m2, 0.0)))
+        return Baseline(
+            receivers=self.receivers,
+            start_gpst=self.start_gpst,
+            end_gpst=self.end_gpst,
+            enu_m=estimate.enu_m[widest].reshape(-1, 3),
+            covariance_m2=estimate.covariance_m2[widest],
+        )
 
     @cached_property
     def fractions(self) -> tuple[Fractions, ...]:

@@ -4,6 +4,7 @@ If no window of the run confirms a statement, the signals cannot tell: antennas 
 the same as one captured receiver. So an untrue statement competes with an attack. It is excluded if
 
 - another window shows the receivers as stated: the statement is true then, unless antennas were turned;
+- an earlier window, in which they may have stood as stated, does not show them where this one does;
 - carriers put the antennas into one place, to millimetres: two antennas cannot stand there, one transmitter can;
 - the signals put them farther apart than they may be (`max_separation_m`), and than a decimal point explains.
 
@@ -56,10 +57,11 @@ class Statements:
         if test.p_value is not None:
             return _add_causes(e, self._list_doubts(test))
         turned = self._list_turned(test)
-        true = not turned and all((test.key, ref.receiver) in self.borne_out for ref in e.signals)
+        borne_out = all((test.key, ref.receiver) in self.borne_out for ref in e.signals)
+        true = not turned and (borne_out or test.p_elsewhere < self.settings.false_alarm_probability)
         slips = [slip for slip in self._list_fitting(test) if not true or slip.code == _TURNED]
         if not turned and not slips and (true or not self._is_near_enough(test)):
-            return e
+            return e if borne_out or not true else replace(e, p={**e.p, Cause.STATEMENT: test.p_elsewhere})
         causes = turned or self._causes(slips) or (self._build_unlisted(test),)
         if e.says == "undecided":
             return _add_causes(e, causes)

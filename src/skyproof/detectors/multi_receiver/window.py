@@ -7,8 +7,14 @@ from typing import Any
 
 from skyproof.detectors.base import Reporter, leave_open
 from skyproof.detectors.multi_receiver.carriers import CarrierTest
-from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, LearntDistance, consistency_p_value
-from skyproof.detectors.multi_receiver.learnt import LearntDistances
+from skyproof.detectors.multi_receiver.known_geometry import (
+    AntennaGeometry,
+    AntennaPlaces,
+    Fit,
+    LearntDistance,
+    consistency_p_value,
+)
+from skyproof.detectors.multi_receiver.learnt import LearntDistances, keep_shown
 from skyproof.detectors.multi_receiver.pairing import Pairing, evaluate_sky_by_carriers, list_groups, pair_up
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.second_signals.late_copies import remove_late_copies
@@ -31,10 +37,21 @@ SEPARATION = "antenna_separation_m"
 
 
 class Window:
-    """One window's pairings. skies : those that were called authentic; groups : numbers of what is decided together."""
+    """One window's pairings.
 
-    def __init__(self, report: Reporter, settings: MultiReceiverSettings, learnt: LearntDistances) -> None:
-        self.report, self.records, self.settings, self.learnt = report, report.records, settings, learnt
+    skies : those that were called authentic. groups : numbers of what is decided together. shown : what receivers
+    showed of their antennas when these first may have stood as stated.
+    """
+
+    def __init__(
+        self,
+        report: Reporter,
+        settings: MultiReceiverSettings,
+        learnt: LearntDistances,
+        shown: Mapping[tuple[str, ...], Fit],
+    ) -> None:
+        self.report, self.records, self.settings = report, report.records, settings
+        self.learnt, self.shown = learnt, shown
         self.sets = _select_sets(self.records)
         choices = list(itertools.product(*self.sets.values())) if len(self.sets) >= 2 else []
         self.one_choice = len(choices) <= 1
@@ -69,7 +86,26 @@ class Window:
             agrees=agrees,
             one_place=not agrees and self._are_in_one_place(pairing),
             shown=next(iter(pairing.baselines), None),
+            p_elsewhere=1.0 if agrees else self._p_elsewhere(pairing),
         )
+
+    def _p_elsewhere(self, pairing: Pairing) -> float:
+        """Return the p-value of "the antennas stand elsewhere than stated, and did so before"."""
+        if (before := self.shown.get(pairing.receivers)) is None:
+            return 1.0
+        return min(1.0, self.tests * pairing.survival(before) + self.p_of_echoes(pairing.receivers, pairing))
+
+    def keep_shown(self) -> dict[tuple[str, ...], Fit]:
+        """Return what receivers showed of their antennas, with those that may stand as stated for the first time."""
+        found = dict(self.shown)
+        for pairing in self.pairings if self.one_choice else ():
+            geometry = self.settings.geometry(pairing.receivers)
+            if geometry is None or pairing.receivers in found or not self.agrees(pairing, geometry):
+                continue
+            places = isinstance(geometry, AntennaPlaces) and self.settings.antennas_body_m is None
+            if (now := keep_shown(pairing, places=places)) is not None:
+                found[pairing.receivers] = now
+        return found
 
     def weigh_open_statement(
         self, pairing: Pairing, geometry: AntennaGeometry | None, p_value: float
