@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from skyproof.arrays import Booleans
+from skyproof.arrays import Booleans, Integers
 from skyproof.fusion.labels import LabelledSignal
 from skyproof.fusion.policy import POLICY
 from skyproof.navigation.fix import fix_and_geometry
@@ -58,6 +58,7 @@ def fix_of(
     elevation_mask_deg: float,
     ordinary: bool = False,
     integrity_risk: float | None = None,
+    faults: Integers | None = None,
 ) -> Fix | None:
     """Compute the fix from all cells, in each epoch of one kind of signal of each time scale; None without any.
 
@@ -66,7 +67,7 @@ def fix_of(
     ordinary : as a good receiver without protection makes it, which leaves measurements out that fit worst, and shows
         what the rest gives whether it fits or not.
     integrity_risk : if given, with protection levels that promise it, and no fix where none does: a satellite that no
-        other one checks may put it anywhere.
+        other one checks may put it anywhere. faults : (n_epochs,) of so many satellites at once; one if absent.
 
     Two signals of one transmission with the same label leave it open which is meant: neither is used.
     """
@@ -91,7 +92,7 @@ def fix_of(
     kept_fix = reject_misfits(found, geometry, with_misfits=ordinary)
     if integrity_risk is None:
         return kept_fix
-    levelled = add_protection(kept_fix, geometry, integrity_risk=integrity_risk)
+    levelled = add_protection(kept_fix, geometry, integrity_risk=integrity_risk, faults=faults)
     unchecked = (levelled.status == FixStatus.OK) & ~np.isfinite(levelled.protection_m).all(axis=1)
     return empty_epochs(levelled, unchecked, np.where(unchecked, FixStatus.UNCHECKED, levelled.status).astype(np.uint8))
 

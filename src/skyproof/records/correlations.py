@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import ComplexFloats, Instants, Reals
-from skyproof.records.shapes import Selectable, freeze
+from skyproof.records.shapes import Channels, Selectable, freeze
 from skyproof.records.signals import SignalId
 from skyproof.short_repr import ShortRepr
 
@@ -72,7 +72,7 @@ class Asked:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Taps(ShortRepr, Selectable):
+class Taps(ShortRepr, Selectable, Channels):
     """Correlator outputs of one receiver at common receiver times, carrier and data bits wiped off.
 
     elapsed_s : (n_epochs,) as in `Observations`, the middle of what each value is the mean of.
@@ -82,6 +82,7 @@ class Taps(ShortRepr, Selectable):
     """
 
     BY_ROW = ("elapsed_s", "value")
+    CELLS = ("value",)
     TIME = "elapsed_s"
 
     receiver: str
@@ -104,7 +105,7 @@ class Taps(ShortRepr, Selectable):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Ccaf(ShortRepr):
+class Ccaf(ShortRepr, Channels):
     """One receiver's complex correlation over a grid of delays and Dopplers (cross ambiguity function), with its noise.
 
     gpst, elapsed_s : (n_epochs,) middle of each coherent interval of `coherent_s`, as in `Observations`.
@@ -117,6 +118,8 @@ class Ccaf(ShortRepr):
         with R the code's correlation in the band of `band_hz` (two-sided).
     noise_samples : independent complex samples that each variance is estimated from; None if it is known.
     """
+
+    CELLS = ("reference_m", "reference_hz", "value", "noise_variance")
 
     receiver: str
     signals: tuple[SignalId, ...]

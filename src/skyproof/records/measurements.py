@@ -9,9 +9,9 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.arrays import Booleans, Indices, Instants, Reals
+from skyproof.arrays import Booleans, Instants, Reals
 from skyproof.gnss.signals import carrier_hz_of
-from skyproof.records.shapes import Selectable, freeze
+from skyproof.records.shapes import Channels, Selectable, freeze
 from skyproof.records.signals import BY_NAME, SignalId
 from skyproof.short_repr import ShortRepr
 
@@ -73,7 +73,7 @@ def _carriers_hz(stated_hz: Reals, signals: Sequence[SignalId]) -> Reals:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Observations(ShortRepr, Selectable):
+class Observations(ShortRepr, Selectable, Channels):
     """One receiver's measurements at common receiver times: epochs along axis 0, channels along axis 1.
 
     gpst : (n_epochs,) what the receiver's clock shows at each epoch; true GPS time is this minus the clock bias.
@@ -93,6 +93,8 @@ class Observations(ShortRepr, Selectable):
     """
 
     BY_ROW = ("gpst", "elapsed_s", *_CELLS)
+    CELLS = _CELLS
+    OF_CHANNELS = _OF_CHANNELS
 
     receiver: str
     signals: tuple[SignalId, ...]
@@ -155,12 +157,6 @@ class Observations(ShortRepr, Selectable):
     def read(self, first: int, stop: int) -> "Observations":
         """Return the epochs from `first` to before `stop`, as views."""
         return self.select(slice(first, stop))
-
-    def select_channels(self, columns: Indices) -> "Observations":
-        """Select channels by their numbers, as copies."""
-        cells: dict[str, Any] = {name: getattr(self, name)[:, columns] for name in _CELLS}
-        channels: dict[str, Any] = {name: getattr(self, name)[columns] for name in _OF_CHANNELS}
-        return replace(self, signals=tuple(self.signals[k] for k in columns), **cells, **channels)
 
     @staticmethod
     def join(pieces: Sequence["Observations"]) -> "Observations":
@@ -250,7 +246,7 @@ class SnapshotChanges:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class ArrayPhases(ShortRepr, Selectable):
+class ArrayPhases(ShortRepr, Selectable, Channels):
     """Carrier phases of every signal on every antenna of one receiver's array: epochs, channels, antennas.
 
     elapsed_s : (n_epochs,) as in `Observations`.
@@ -265,6 +261,8 @@ class ArrayPhases(ShortRepr, Selectable):
     """
 
     BY_ROW = ("gpst", "elapsed_s", "phase_cyc", "sigma_cyc")
+    CELLS = ("phase_cyc", "sigma_cyc")
+    OF_CHANNELS = ("carrier_hz",)
     TIME = "elapsed_s"
 
     receiver: str

@@ -9,6 +9,7 @@ import numpy as np
 from skyproof.arrays import Booleans, Indices
 
 __all__ = [
+    "Channels",
     "Selectable",
     "freeze",
 ]
@@ -35,6 +36,24 @@ class Selectable:
         """Select the rows with begin <= time < end: labels, or seconds where `TIME` is `elapsed_s`."""
         time = getattr(self, self.TIME)
         return self.select((time >= begin) & (time < end))
+
+
+class Channels:
+    """A dataclass whose channels, one of each of its `signals`, can be selected.
+
+    CELLS : the fields that have them along axis 1. OF_CHANNELS : those that have them along axis 0.
+    """
+
+    __slots__ = ()
+    CELLS: ClassVar[tuple[str, ...]] = ()
+    OF_CHANNELS: ClassVar[tuple[str, ...]] = ()
+
+    def select_channels(self, columns: Indices) -> Self:
+        """Select channels by their numbers, as copies."""
+        chosen: dict[str, Any] = {name: getattr(self, name)[:, columns] for name in self.CELLS}
+        chosen |= {name: getattr(self, name)[columns] for name in self.OF_CHANNELS}
+        signals: Any = getattr(self, "signals")  # noqa: B009
+        return replace(self, signals=tuple(signals[k] for k in columns), **chosen)  # type: ignore[type-var]
 
 
 def _rows_of(values: Any, rows: slice | Booleans | Indices) -> Any:

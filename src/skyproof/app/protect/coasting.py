@@ -224,7 +224,7 @@ def usable_fixes(positions: Positions) -> Iterator[tuple[UsableKind, Fix]]:
             hidden=positions.hidden,
             integrity_risk=positions.settings.integrity_risk,
         )
-    doubtful = None if flown is None or positions.doubtful is None else positions.doubtful()
+    doubtful = None if flown is None or positions.consistent is None else positions.consistent().doubtful
     for rows, found in _walk_stretches(positions):
         yield from found.items()
         fix = join_fixes(tuple(found.values()))

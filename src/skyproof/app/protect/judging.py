@@ -15,6 +15,7 @@ from skyproof.app.protect.hidden import bound_drags
 from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
 from skyproof.app.protect.positions import KINDS, Track, set_up_positions
 from skyproof.app.protect.predictors import build_predictors, list_surveyed
+from skyproof.app.protect.rest import judge_rest
 from skyproof.app.protect.so_far import WordsSoFar
 from skyproof.app.receive.observed import ObservedFile
 from skyproof.app.receive.reception import Reception
@@ -54,7 +55,17 @@ def judge(
     choosing = session.state_of("prediction")
     overlapping = collect_overlapping_fixes(evidence, choosing)
     standing_still = [o.receiver for o in observed] if settings.speed_max_m_s == 0.0 else []
-    hidden = bound_drags(evidence, standing=standing_still, inertial=navigators)
+    judged = None if interrupted else judge_rest(
+        receptions,
+        decision,
+        evidence,
+        sets,
+        lambda kept: begin_session(kept, orbits, settings, spin_arms, body, predictors),
+        progress,
+    )
+    rest, of_tests = (None, evidence) if judged is None else judged
+    # Fewer signals notice less.
+    hidden = bound_drags(of_tests, standing=standing_still, inertial=navigators)
 
     def make_outcome(reception: Reception) -> ReceiverOutcome:
         name = reception.observations.receiver if reception.observations is not None else ""
@@ -66,6 +77,7 @@ def judge(
             predictor=predictors.get(name),
             overlapping=overlapping.get(name, ()),
             hidden=hidden.get(name),
+            rest=rest,
         )
 
     outcomes = [make_outcome(r) for r in receptions]
@@ -76,6 +88,7 @@ def judge(
         sets=sets,
         navigation=orbits,
         compared=list_compared_skies(choosing),
+        rest=rest,
     )
     return outcome, interrupted
 

@@ -9,6 +9,7 @@ from skyproof.app.protect.bearings import Bearing, find_bearings
 from skyproof.app.protect.positions import KINDS, Positions, Track
 from skyproof.app.receive.reception import Reception
 from skyproof.detectors.prediction.choice import Compared
+from skyproof.fusion.consistent import Rest
 from skyproof.fusion.fuse import Decision
 from skyproof.records import (
     ConsistentSet,
@@ -83,7 +84,8 @@ class ReceiverOutcome(ShortRepr):
 class Outcome(ShortRepr):
     """Everything that a run found out.
 
-    sets : in the order of their windows. compared : skies beside what was expected, of receivers that had two.
+    sets : in the order of their windows. compared : skies beside what was expected, of receivers that had two. rest :
+        what is decided of the signals beside named false ones; None without any.
     """
 
     receivers: tuple[ReceiverOutcome, ...]
@@ -92,6 +94,7 @@ class Outcome(ShortRepr):
     sets: Sequence[ConsistentSet]
     navigation: NavigationData
     compared: tuple[Compared, ...] = ()
+    rest: Rest | None = None
 
     @cached_property
     def bearings(self) -> Mapping[str, Bearing]:

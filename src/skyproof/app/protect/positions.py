@@ -10,7 +10,7 @@ import numpy as np
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect.hidden import HiddenDrag
 from skyproof.arrays import Booleans, Indices, Instants, Reals
-from skyproof.fusion.consistent import find_doubtful_epochs, select_consistent_cells
+from skyproof.fusion.consistent import Consistent, Rest, select_consistent
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.policy import POLICY
 from skyproof.fusion.trusted import apply_mask, carries, fix_of, mask_signals
@@ -64,8 +64,8 @@ class Track:
 class Positions:
     """masks : by kind, which cells (n_epochs, n_channels) of the log its fixes are made of. predictor : what is to be
     expected of the receiver, before anything was learned. overlapping : fixes of a true sky that was taken apart from a
-    false one, in order. hidden : how far an attack may have moved it unnoticed; None where no test says. doubtful : at
-    which epochs (n_epochs,) a consistent fix may be false already, and corrects no inertial unit."""
+    false one, in order. hidden : how far an attack may have moved it unnoticed; None where no test says. consistent :
+    what consistent fixes are made of; doubtful ones correct no inertial unit."""
 
     log: ObservationLog
     orbits: NavigationData
@@ -74,7 +74,7 @@ class Positions:
     predictor: Predictor | None = None
     overlapping: tuple[NavEstimate, ...] = ()
     hidden: HiddenDrag | None = None
-    doubtful: Callable[[], Booleans] | None = None
+    consistent: Callable[[], Consistent] | None = None
 
     def cut(self) -> Iterator[slice]:
         """Yield the epochs of the run in stretches."""
@@ -116,6 +116,7 @@ class Positions:
         rim_s = [elapsed_s[first] - reach_s, elapsed_s[stop - 1] + reach_s]
         begin, end = (int(row) for row in np.searchsorted(elapsed_s, rim_s))
         smoothed = smooth(apply_mask(self.log.read(begin, end), mask[begin:end]), window_s=self.settings.smoothing_s)
+        faults = self.consistent().faults[first:stop] if kind == "consistent" and self.consistent is not None else None
         return fix_of(
             smoothed.read(first - begin, stop - begin),
             self.orbits,
@@ -123,6 +124,7 @@ class Positions:
             elevation_mask_deg=self.settings.elevation_mask_deg,
             ordinary=kind == "unprotected",
             integrity_risk=self.settings.integrity_risk if kind in ("trusted", "consistent") else None,
+            faults=faults,
         )
 
     def _is_trusted(self, mask: Booleans, first: int, stop: int) -> Booleans:
@@ -233,6 +235,7 @@ def set_up_positions(
     predictor: Predictor | None = None,
     overlapping: tuple[NavEstimate, ...] = (),
     hidden: HiddenDrag | None = None,
+    rest: Rest | None = None,
 ) -> Positions:
     """Set up a receiver's positions of each kind.
 
@@ -240,9 +243,13 @@ def set_up_positions(
     protection has them as an ordinary receiver does.
     """
     labels = decision.labels
+
+    def select() -> Consistent:
+        return select_consistent(log, decision, rest, within_s=settings.window_s)
+
     masks: dict[str, Callable[[], Booleans]] = {
         "trusted": lambda: carries(log, labels, "authentic"),
-        "consistent": lambda: select_consistent_cells(log, decision),
+        "consistent": lambda: select().cells,
         "false": lambda: carries(log, labels, "spoofed"),
         "unprotected": lambda: followed(log),
     }
@@ -264,7 +271,7 @@ def set_up_positions(
         predictor=predictor,
         overlapping=overlapping,
         hidden=hidden,
-        doubtful=lambda: find_doubtful_epochs(log, decision, within_s=settings.window_s),
+        consistent=select,
     )
 
 
