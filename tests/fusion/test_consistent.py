@@ -5,12 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skyproof.fusion.consistent import find_doubtful_epochs, find_unsuspected_epochs
+from skyproof.fusion.consistent import (
+    Rest,
+    find_doubtful_epochs,
+    find_unsuspected_epochs,
+    name_against_rest,
+    select_consistent,
+)
 from skyproof.fusion.decide import WindowWord
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource
 from skyproof.fusion.suspicion import Suspicion
 from skyproof.fusion.timeline import Onset
+from skyproof.records import Cause, ConsistentSet, Finding, Hypothesis, SignalRef
 from skyproof.testing import MeasuredScene
 
 SCENE = MeasuredScene(antennas_enu_m={"rx1": (0.0, 0.0, 0.0)}, epochs=50, step_s=1.0, max_satellites=4)
@@ -90,9 +97,86 @@ def test_an_attack_on_one_receiver_is_on_all_a_suspicion_is_not():
 
 
 def test_what_a_failed_test_follows_soon_is_doubtful():
-    doubtful = find_doubtful_epochs(LOG, make_decision("nnsan"), within_s=7.0)
+    doubtful = find_doubtful_epochs(LOG, find_unsuspected_epochs(LOG, make_decision("nnsan")), within_s=7.0)
     assert set(np.flatnonzero(doubtful)) == set(range(13, 20))
-    assert not find_doubtful_epochs(LOG, make_decision("nnnnn"), within_s=7.0).any()
+    assert not find_doubtful_epochs(LOG, np.ones(50, np.bool_), within_s=7.0).any()
+
+
+FALSE = SignalRef("rx1", LOG.signals[0])
+
+
+def test_the_rest_goes_on_from_where_tests_of_all_failed_or_soon_did():
+    named = frozenset((FALSE,))
+    whole = make_decision("nnffn", onset=Onset(seen=make_time(25.0), earliest=None))
+    found = select_consistent(LOG, whole, Rest(named=named, decision=make_decision("nnnnn")), within_s=7.0)
+    assert set(np.flatnonzero(found.of_rest)) == set(range(13, 50))
+    assert set(np.flatnonzero(found.cells[:, 0])) == set(range(13))
+    assert found.cells[:, 1:].all()
+    assert not found.doubtful.any()
+    assert (found.faults == 1).all()
+
+
+def test_a_rest_that_a_test_rejects_ends_there():
+    of_rest = make_decision("nnnsn", onset=Onset(seen=make_time(33.0), earliest=None), suspected="rx1")
+    named = frozenset((FALSE, *(SignalRef("rx2", signal) for signal in LOG.signals[1:3])))
+    whole = make_decision("nnffn", onset=Onset(seen=make_time(25.0), earliest=None))
+    found = select_consistent(LOG, whole, Rest(named=named, decision=of_rest), within_s=7.0)
+    assert set(np.flatnonzero(found.cells[:, 1])) == set(range(30))
+    assert set(np.flatnonzero(found.doubtful)) == set(range(23, 30))
+    assert set(found.faults[13:30]) == {3}  # those of other receivers count
+    assert set(found.faults[:13]) == {1}
+
+
+def name_signals(second, *refs, **data):
+    """Make a finding that names signals as false."""
+    return Finding(
+        detector="test",
+        start_gpst=make_time(second),
+        end_gpst=make_time(second + 10),
+        signals=refs,
+        hypothesis=Hypothesis.ONE_POSITION,
+        code="false",
+        p={Cause.CLEAN: 0.0},
+        alpha=1e-6,
+        singled_out=True,
+        data=data,
+    )
+
+
+def make_set(second, *signals):
+    return ConsistentSet(
+        receiver="rx1",
+        signals=signals,
+        gpst=make_time(second),
+        position_ecef_m=np.zeros(3),
+        clock_bias_s=0.0,
+        covariance_m2=np.eye(4),
+        statistic=0.0,
+        dof=1,
+        p_value=1.0,
+    )
+
+
+@pytest.mark.parametrize(
+    ("sets", "named"),
+    [
+        ([(25.0, (1, 2, 3)), (25.0, (0,))], True),
+        ([(15.0, (0, 1, 2, 3)), (25.0, (1, 2, 3))], True),  # it was true before
+        ([(25.0, (1, 2, 3)), (35.0, (0, 1, 2))], False),  # what most signals fit may be the attacker's
+        ([(25.0, (1, 2)), (25.0, (0, 3))], False),  # or either of two
+    ],
+)
+def test_names_are_against_the_rest_unless_most_signals_fit_with_them(sets, named):
+    made = [make_set(second, *(LOG.signals[k] for k in some)) for second, some in sets]
+    found = name_against_rest(make_decision("nnfff"), [name_signals(20.0, FALSE)], made)
+    assert found == (frozenset((FALSE,)) if named else frozenset())
+
+
+def test_a_refused_or_open_sky_leaves_no_rest():
+    decision = make_decision("nnfff")
+    assert not name_against_rest(decision, [name_signals(20.0, FALSE), name_signals(30.0, FALSE, whole_sky=True)], [])
+    sky = FalseSource(name="S1", signals=())
+    assert not name_against_rest(replace(decision, skies=(sky, sky)), [name_signals(20.0, FALSE)], [])
 
 
 def test_signals_that_nothing_dates_leave_no_epoch():

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -85,6 +86,57 @@ def test_one_biased_satellite_keeps_the_levels_risk(k, clocks):
     trials, risk = 6000, 0.01
     worst = count_worst(k, clocks, (0.0, 1.0, 2.0, 3.0, 3.5, 4.0, 4.5, 5.0, 7.0, 30.0), trials, risk, rng)
     assert stats.binomtest(worst, trials, risk, alternative="greater").pvalue > 1e-3
+
+
+def count_worst_sets(k, faults, biases_sigma, trials, rng, believed):
+    """Count errors beyond the horizontal level without an alarm, where an attacker biases the best of all sets.
+
+    believed : for how many faults the level is asked.
+    """
+    design, sigma = design_of(rng, (trials,), k), rng.uniform(0.5, 3.0, (trials, k))
+    scaled = design / sigma[..., None]
+    gain = np.linalg.pinv(scaled)
+    left = np.eye(k) - scaled @ gain
+    best, bias = np.zeros(trials), np.zeros((trials, k))
+    for some in combinations(range(k), faults):
+        rows = np.ix_(some, some)
+        least = np.linalg.inv(left[:, rows[0], rows[1]] + 1e-9 * np.eye(faults))
+        seen = gain[:, :2][:, :, some]
+        value, vector = np.linalg.eigh(seen @ least @ np.swapaxes(seen, -1, -2))
+        better = value[:, -1] > best
+        best = np.where(better, value[:, -1], best)
+        along = (least @ np.swapaxes(seen, -1, -2) @ vector[..., -1:])[..., 0] / np.sqrt(value[:, -1:])
+        bias[better] = 0.0
+        bias[np.ix_(better, some)] = along[better]
+    worst = 0
+    for size in biases_sigma:
+        misfit = sigma * (rng.standard_normal(sigma.shape) + size * bias)
+        found = compute_protection_levels(
+            design, misfit, sigma, EYE, faults=believed, integrity_risk=0.01, false_alarm_probability=0.01
+        )
+        error = fit(design, misfit, sigma)
+        worst = max(worst, int(((np.hypot(error[:, 0], error[:, 1]) > found.horizontal_m) & ~found.alarm).sum()))
+    return worst
+
+
+@pytest.mark.parametrize(("k", "faults"), [(8, 2), (9, 3)])
+def test_several_biased_satellites_keep_the_risk_of_a_level_for_so_many(k, faults):
+    rng, trials = np.random.default_rng(k), 1000
+    sizes = (0.0, 2.0, 3.0, 4.0, 8.0)
+    worst = count_worst_sets(k, faults, sizes, trials, rng, faults)
+    assert stats.binomtest(worst, trials, 0.01, alternative="greater").pvalue > 1e-3
+    assert count_worst_sets(k, faults, sizes, trials, rng, 1) > 0.1 * trials  # which one for a single one does not
+
+
+def test_a_level_grows_with_the_number_of_faults_to_none_where_too_few_are_left():
+    rng = np.random.default_rng(4)
+    design, sigma = design_of(rng, (50,), 8), rng.uniform(0.5, 3.0, (50, 8))
+    misfit = np.zeros(sigma.shape)
+    one, two = (compute_protection_levels(design, misfit, sigma, EYE, faults=faults) for faults in (1, 2))
+    assert np.all(two.horizontal_m > one.horizontal_m)
+    none = compute_protection_levels(design, misfit, sigma, EYE, faults=5)
+    assert np.all(np.isinf(none.horizontal_m))
+    assert np.all(np.isinf(none.vertical_m))
 
 
 def test_the_level_is_not_so_wide_that_it_says_nothing():

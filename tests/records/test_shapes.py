@@ -8,6 +8,7 @@ import pytest
 from skyproof.gnss.time import GPS_EPOCH
 from skyproof.records import (
     ArrayPhases,
+    Channels,
     Fix,
     FrontEndLevels,
     ImuSeries,
@@ -128,3 +129,12 @@ def test_selected_channels_are_those_of_every_field():
     assert part.signals == SIGNALS[1:]
     for name in (*CELLS, *SIGMAS, "status", "half_cycle_open"):
         np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[:, 1:])
+
+
+@pytest.mark.parametrize("record", [r for r in RECORDS if isinstance(r, Channels)], ids=lambda r: type(r).__name__)
+def test_each_array_of_channels_is_among_those_that_are_selected(record):
+    part = record.select_channels(np.array([1]))
+    assert part.signals == record.signals[1:]
+    for name in (*record.CELLS, *record.OF_CHANNELS):
+        whole = np.asarray(getattr(record, name))
+        np.testing.assert_array_equal(getattr(part, name), whole[:, 1:] if name in record.CELLS else whole[1:])

@@ -36,6 +36,21 @@ def test_an_attack_that_harms_nobody_yet_is_not_said_to_harm() -> None:
     assert wait[0] is Advice.DO_NOT_WAIT
 
 
+def test_a_position_of_the_signals_beside_false_ones_is_used_with_care() -> None:
+    verdict = make_verdict(consistent_fix=FIX, unprotected_fix=FIX)
+    window = {"receiver": "rx1", "word": "spoofed", "from_gpst": "2000-01-01T00:00:00", "to_gpst": FIX["gpst"]} | {
+        "may_also_be": []
+    }
+    attacked = Verdict.model_validate(
+        verdict.model_dump() | {"windows": [window], "since_latest_gpst": "2000-01-01T00:00:10"}
+    )
+    use, _ = what_now(attacked)
+    assert use[0] is Advice.USE_OTHERS
+    assert "rx1-consistent.nmea" in use[1]
+    ended = attacked.model_copy(update={"since_latest_gpst": FIX["gpst"]})
+    assert what_now(ended)[0][0] is Advice.USE_NOTHING
+
+
 def test_without_a_trusted_position_no_satellite_is_to_be_used() -> None:
     [(action, why)] = what_now(make_verdict(false_fix=FALSE))
     assert action is Advice.USE_NOTHING

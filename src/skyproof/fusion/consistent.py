@@ -16,7 +16,14 @@ from skyproof.fusion.fuse import Decision
 from skyproof.fusion.trusted import carries, mask_signals
 from skyproof.records import ConsistentSet, Finding, ObservationLog, SignalRef
 
-__all__ = ["Consistent", "Rest", "find_doubtful_epochs", "find_unsuspected_epochs", "name_against_rest", "select_consistent"]
+__all__ = [
+    "Consistent",
+    "Rest",
+    "find_doubtful_epochs",
+    "find_unsuspected_epochs",
+    "name_against_rest",
+    "select_consistent",
+]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -94,12 +101,13 @@ def find_doubtful_epochs(log: ObservationLog, unsuspected: Booleans, *, within_s
 class Consistent:
     """Hold what consistent fixes of a receiver are made of.
 
-    cells : (n_epochs, n_signals). doubtful : (n_epochs,) where they may be false already. faults : (n_epochs,) how many
-    satellites a fix has to bear.
+    cells : (n_epochs, n_signals). doubtful : (n_epochs,) where they may be false already. of_rest : (n_epochs,) where
+    they are those of the rest. faults : (n_epochs,) how many satellites a fix has to bear.
     """
 
     cells: Booleans
     doubtful: Booleans
+    of_rest: Booleans
     faults: Integers
 
 
@@ -112,14 +120,14 @@ def select_consistent(log: ObservationLog, decision: Decision, rest: Rest | None
     unsuspected = find_unsuspected_epochs(log, decision)
     doubtful = find_doubtful_epochs(log, unsuspected, within_s=within_s)
     cells = _select_cells(log, decision, unsuspected)
-    faults = np.ones(log.gpst.size, np.intp)
+    of_rest, faults = np.zeros_like(unsuspected), np.ones(log.gpst.size, np.intp)
     if rest is not None:
         of_rest = find_unsuspected_epochs(log, rest.decision) & (~unsuspected | doubtful)
         named = mask_signals(log, {ref.signal for ref in rest.named if ref.receiver == log.receiver})
         cells = np.where(of_rest[:, None], _select_cells(log, rest.decision, of_rest) & ~named, cells)
         doubtful = find_doubtful_epochs(log, unsuspected | of_rest, within_s=within_s)
         faults[of_rest] = rest.faults
-    return Consistent(cells=cells, doubtful=doubtful, faults=faults)
+    return Consistent(cells=cells, doubtful=doubtful, of_rest=of_rest, faults=faults)
 
 
 def _select_cells(log: ObservationLog, decision: Decision, unsuspected: Booleans) -> Booleans:

@@ -181,9 +181,7 @@ def _find_quantiles(integrity_risk: float) -> tuple[float, float]:
     return float(np.sqrt(-2.0 * np.log(integrity_risk))), float(-special.ndtri(0.5 * integrity_risk))
 
 
-def add_protection(
-    fix: Fix, geometry: FixGeometry, *, integrity_risk: float, faults: Integers | None = None
-) -> Fix:
+def add_protection(fix: Fix, geometry: FixGeometry, *, integrity_risk: float, faults: Integers | None = None) -> Fix:
     """Add the protection levels of its epochs to a fix, by the sigmas behind its covariance.
 
     The level is NaN without a fix, at an alarm, and where a satellite that moves the position is not controlled by the

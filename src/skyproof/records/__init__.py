@@ -51,7 +51,7 @@ from skyproof.records.needs import Need
 from skyproof.records.platform import AntennaArray, Attitude, ImuSeries, InertialReadings, NavState, SpinArm
 from skyproof.records.receiver_words import FrontEndLevels, ReceivedMessages, ReceiverFixes
 from skyproof.records.samples import MeasurementSource, OpenFile, SampleGap, Samples
-from skyproof.records.shapes import Selectable, freeze
+from skyproof.records.shapes import Channels, Selectable, freeze
 from skyproof.records.signals import BY_NAME, Kind, SignalId, SignalRef, Transmission, list_refs
 from skyproof.records.window import Holding, Records
 
@@ -75,6 +75,7 @@ __all__ = [
     "Ccaf",
     "CcafAsked",
     "CellStatus",
+    "Channels",
     "ConsistentSet",
     "Datum",
     "Direction",

@@ -22,6 +22,7 @@ class Advice(StrEnum):
     SETTLE = "To settle it"
     PROVE = "To prove it"
     USE_TRUSTED = "Use the trusted position"
+    USE_OTHERS = "Use the position of the other signals, with care"
     USE_CARRIED = "Use the position held without satellites"
     USE_NOTHING = "Use no position or time from satellites"
     DO_NOT_WAIT = "Do not wait"
@@ -50,12 +51,23 @@ def what_now(verdict: Verdict) -> tuple[tuple[Advice, str], ...]:
     if lasting["trusted"]:
         files = " and ".join(f"{r.name}-trusted.nmea" for r in lasting["trusted"])
         lines.insert(0, (Advice.USE_TRUSTED, f"below; its track is in {files}"))
+    if of_rest := [r for r in lasting["consistent"] if _is_under_attack(r, verdict)]:
+        files = " and ".join(f"{r.name}-consistent.nmea" for r in of_rest)
+        lines.append((Advice.USE_OTHERS, f"below: no test rejects it, and none proves it; its track is in {files}"))
     if not lines:
         since = f" since {format_clock(verdict.since_gpst)}" if verdict.since_gpst is not None else ""
         lines.append((Advice.USE_NOTHING, f"{OTHER_MEANS}; the attack is on{since}"))
     usable = [r for r in verdict.receivers if r.usable is not None]
     settle = [(Advice.SETTLE, words) for words in remedy]
     return (*lines, *([_warn_of_others(usable, verdict)] if usable else []), *settle)
+
+
+def _is_under_attack(receiver: ReceiverResult, verdict: Verdict) -> bool:
+    """Whether a receiver's last usable fix is later than when the attack was seen, and than the word."""
+    if receiver.usable is None or verdict.since_latest_gpst is None:
+        return False
+    gpst = receiver.usable[1].gpst
+    return gpst > verdict.since_latest_gpst and any(w.word == "spoofed" and w.from_gpst < gpst for w in verdict.windows)
 
 
 def has_lost_fix(receiver: ReceiverResult) -> bool:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from skyproof.app.protect.outcome import Outcome
+from skyproof.records import FixStatus
 from skyproof.simulator import make_navigation, read_ready_made
 from skyproof.simulator.scenario import Scenario
 from skyproof.simulator.sky import make_scene
@@ -42,17 +43,26 @@ def test_a_loud_takeover_is_dated_to_three_seconds(tmp_path, place_of_onset: flo
 
 
 @pytest.mark.parametrize(
-    ("name", "changes", "false"),
+    ("name", "changes", "false", "left"),
     [
-        ("vector-one-spoofer", {}, {"G02"}),
-        ("vector-one-spoofer", {"sat_code_m": {"G02": 146.5}}, {"G02"}),  # half a chip stays in the filter
-        ("vector-many", {}, {"G12", "G13", "G17"}),
+        ("vector-one-spoofer", {}, {"G02"}, 5),
+        ("vector-one-spoofer", {"sat_code_m": {"G02": 146.5}}, {"G02"}, 5),  # half a chip stays in the filter
+        ("vector-many", {}, {"G12", "G13", "G17"}, 3),
     ],
 )
-def test_vector_tracking_names_the_false_signals(tmp_path, name: str, changes: dict, false: set[str]) -> None:
+def test_vector_tracking_names_the_false_signals_and_goes_on_from_the_others(
+    tmp_path, name: str, changes: dict, false: set[str], left: int
+) -> None:
     verdict, outcome = protect_drawn(change_attack(name, 14.0, **changes), tmp_path, tracking="vector")
     assert verdict.verdict == "spoofed"
     assert {ref.signal.sat for source in outcome.decision.sources for ref in source.signals} == false
     first = next(e for e in outcome.evidence if e.says == "spoofed")
     assert first.detector == "vector_sqm"
     assert first.end_gpst - read_ready_made(name).start_gpst < np.timedelta64(15, "s")
+    (receiver,) = outcome.receivers
+    assert receiver.has_rest_fixes == (left > 4)
+    if left > 4:
+        fix = receiver.positions.whole("consistent")
+        assert (fix.status == FixStatus.OK).sum() > 0.9 * fix.gpst.size
+        assert len(fix.signals) == left
+        assert "one satellite at most" in verdict.assumed

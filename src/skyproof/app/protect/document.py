@@ -135,6 +135,10 @@ def _list_assumptions(outcome: Outcome) -> str | None:
     words = ("authentic", "spoofed", "attack")
     found = (e for e in outcome.evidence if e.says in words or stands_beside(e))
     assumed = dict.fromkeys(words for e in found for words in explain(e).assumptions)
+    if outcome.rest is not None and any(r.has_rest_fixes for r in outcome.receivers):
+        n = outcome.rest.faults
+        one = "one satellite" if n == 1 else f"{n} satellites"
+        assumed[f"of the signals that are not named as false, those of {one} at most are false as well"] = None
     if not assumed:
         return None
     sentence = f"Assumed: {'; '.join(assumed)}."

@@ -55,13 +55,17 @@ def judge(
     choosing = session.state_of("prediction")
     overlapping = collect_overlapping_fixes(evidence, choosing)
     standing_still = [o.receiver for o in observed] if settings.speed_max_m_s == 0.0 else []
-    judged = None if interrupted else judge_rest(
-        receptions,
-        decision,
-        evidence,
-        sets,
-        lambda kept: begin_session(kept, orbits, settings, spin_arms, body, predictors),
-        progress,
+    judged = (
+        None
+        if interrupted
+        else judge_rest(
+            receptions,
+            decision,
+            evidence,
+            sets,
+            lambda kept: begin_session(kept, orbits, settings, spin_arms, body, predictors),
+            progress,
+        )
     )
     rest, of_tests = (None, evidence) if judged is None else judged
     # Fewer signals notice less.

@@ -74,6 +74,14 @@ class ReceiverOutcome(ShortRepr):
         """Return the track of the first kind that a user may use; None if there is none."""
         return next((self.tracks[kind] for kind in USABLE if kind in self.tracks), None)
 
+    @property
+    def has_rest_fixes(self) -> bool:
+        """Tell whether there are fixes of the signals beside named false ones."""
+        track = self.tracks.get("consistent")
+        if track is None or self.positions is None or self.positions.consistent is None:
+            return False
+        return bool((track.fixed & self.positions.consistent().of_rest).any())
+
     @cached_property
     def trusted(self) -> Fix | None:
         """Return all fixes from authentic signals; None if there is none."""

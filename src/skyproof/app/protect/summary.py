@@ -55,9 +55,11 @@ def _attack_words(outcome: Outcome) -> str:
         if n == 1 and len(decision.sources) == 1:
             by += describe_direction(describe_origin(decision.sources[0], outcome))
             by += describe_distance(outcome.bearings.get(decision.sources[0].name))
-        kept = _describe_accuracy(outcome)
+        kept = f"the {within}" if (within := _describe_accuracy(outcome)) else ""
+        if not kept and any(r.has_rest_fixes for r in outcome.receivers):
+            kept = "no test rejects the position that the other signals give"
         were = "satellite was" if len(sats) == 1 else "satellites were"
-        return f"{since}{len(sats)} {were} imitated by {by}{f'; the {kept}' if kept else ''}."
+        return f"{since}{len(sats)} {were} imitated by {by}{f'; {kept}' if kept else ''}."
     if decision.skies:
         return (
             f"{since}two or more skies are received, each with a position and time of its own; "
