@@ -379,11 +379,34 @@ class InterferenceSpell(_Model):
     fall_db: Sigma = Field(description="Largest fall of C/N0, dB; a lower bound where most signals are lost.")
     fall_sigma_db: Sigma = Field(description="One sigma of what C/N0 changes by without interference, dB.")
     level_db: float | None = Field(description="Rise of power in the front end, dB; null where it is not known.")
+    jammer_to_noise_db: float | None = Field(
+        default=None,
+        description="Power of the interference over the receiver's noise (J/N) at its strongest, dB; by C/N0 and, "
+        "where that is known, the level of the front end. Null if the noise does not rise.",
+    )
+    jammer_to_noise_low_db: float | None = Field(
+        default=None, description="It is more than this in 97.5 %, dB; null where none at all is possible."
+    )
+    jammer_to_noise_high_db: float | None = Field(
+        default=None,
+        description="It is less than this in 97.5 %, dB; null where most signals are lost and no level known.",
+    )
     lost_signals: int = Field(ge=0, description="Signals that were lost, the most at once.")
     signs: tuple[InterferenceSign, ...] = Field(
         description="What shows it: cn0 (C/N0 falls), lost (most signals are lost), level (more power comes in)."
     )
     may_also_be: tuple[CauseName, ...] = Field(description="What else would do the same: shade, or nothing.")
+
+    @property
+    def strength(self) -> str:
+        """State the power over the receiver's noise with its limits; empty where it is not known."""
+        if self.jammer_to_noise_db is None:
+            return ""
+        low, high = self.jammer_to_noise_low_db, self.jammer_to_noise_high_db
+        if high is None:
+            return "J/N at least " + f"{self.jammer_to_noise_db if low is None else low:.0f} dB"
+        limits = f"below {high:.0f}" if low is None else f"{low:.0f} to {high:.0f}"
+        return f"J/N {self.jammer_to_noise_db:.0f} dB ({limits} in 95 %)"
 
 
 class WeakCarrier(_Model):
@@ -435,9 +458,10 @@ def _spell_words(spell: InterferenceSpell) -> str:
     lost = f", {spell.lost_signals} signals are lost" if "lost" in spell.signs else ""
     least = "at least " if "lost" in spell.signs else ""
     shade = "; shading of the whole antenna would look the same" if spell.may_also_be else ""
+    strength = f", {spell.strength}" if spell.strength else ""
     return (
         f"since {format_moment(spell.since_gpst)}{until} in {spell.receiver}: C/N0 of all satellites on "
-        f"{', '.join(spell.carriers)} falls by {least}{spell.fall_db:.0f} dB{lost}{level}{shade}"
+        f"{', '.join(spell.carriers)} falls by {least}{spell.fall_db:.0f} dB{lost}{level}{strength}{shade}"
     )
 
 

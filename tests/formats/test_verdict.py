@@ -30,8 +30,8 @@ KEYS = {
     "methods inputs settings versions",
     "interference": "state spells weak_starts",
     "interference.weak_starts": "receiver carrier since_gpst cn0_dbhz open_sky_dbhz",
-    "interference.spells": "receiver carriers since_gpst until_gpst fall_db fall_sigma_db level_db lost_signals signs "
-    "may_also_be",
+    "interference.spells": "receiver carriers since_gpst until_gpst fall_db fall_sigma_db level_db "
+    "jammer_to_noise_db jammer_to_noise_low_db jammer_to_noise_high_db lost_signals signs may_also_be",
     "windows": "receiver word from_gpst to_gpst may_also_be",
     "noticed": "receiver kind size unit detector share_of_windows",
     "receivers": "name word input start_gpst duration_s trusted_fix consistent_fix inertial_fix held_fix false_fix "

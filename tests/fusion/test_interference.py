@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from skyproof.detectors.adapter import finding_from_evidence
 from skyproof.fusion.interference import join_spells
@@ -66,3 +67,18 @@ def test_a_spell_at_the_end_lasts() -> None:
 def test_nothing_looked_for_is_not_nothing() -> None:
     assert join_spells([window(0)], [RX]) == ()
     assert join_spells([replace(window(0), estimates={})], [RX]) is None
+
+
+@pytest.mark.parametrize(
+    ("fall_db", "more", "jammer_db", "bounded"),
+    [
+        (10.0, {}, 9.54, True),
+        (14.0, {"lost": 6, "signs": ("cn0", "lost")}, 13.82, False),
+        (14.0, {"lost": 6, "signs": ("cn0", "lost"), "level_db": 30.0, "level_sigma_db": 1.0}, 30.0, True),
+        (10.0, {"level_db": 12.0, "level_sigma_db": 1.0}, 10.6, True),
+    ],
+)
+def test_a_spell_has_the_power_of_its_jammer(fall_db, more, jammer_db, bounded) -> None:
+    (spell,) = join_spells([window(1, make_rise(13, 19, fall_db, **more))], [RX])
+    assert spell.jammer.db == pytest.approx(jammer_db, abs=0.05)
+    assert (spell.jammer.high_db is not None) == bounded

@@ -10,7 +10,7 @@ from scipy import signal as filters
 from scipy import stats
 
 from skyproof.gnss.codes import generate_ca_code
-from skyproof.recording.conditioning import LOSS_LIMIT_DB, Conditioner, condition, measure_front_end
+from skyproof.recording.conditioning import LOSS_LIMIT_DB, Conditioner, condition, measure_front_end, measure_power
 from skyproof.records import Samples
 
 RATE_HZ = 4e6
@@ -316,3 +316,14 @@ def test_a_stretch_read_is_that_of_the_whole_at_its_own_time(start, count):
     late = Conditioner(FRONT).delay_samples
     stepped, _ = Conditioner(FRONT).step(None, HURT)
     np.testing.assert_allclose(whole[:, : HURT.shape[1] - late], stepped[:, late:], rtol=0.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("sigma", [0.5, 3.0, 30.0])
+@pytest.mark.parametrize("most", [1, 7, 127])
+def test_the_power_of_noise_is_found_through_a_quantiser_that_clips(sigma, most) -> None:
+    planes = np.clip(np.round(sigma * draw_noise(200_000) - 0.5) + 0.5, -most - 0.5, most + 0.5)
+    assert 10.0 * np.log10(measure_power(planes) / (2.0 * sigma**2)) == pytest.approx(0.0, abs=0.3)
+
+
+def test_one_bit_shows_no_power() -> None:
+    assert np.isnan(measure_power(np.sign(draw_noise(1000))))

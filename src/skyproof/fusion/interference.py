@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from skyproof.gnss.received_power import JammerToNoise, estimate_jammer_to_noise
 from skyproof.records import Finding, InterferenceSign, NoiseRise, ObservationLog
 
 __all__ = ["Spell", "join_spells"]
@@ -16,7 +17,8 @@ class Spell:
 
     carriers : in the order in which it reached them. until_gpst : its last epoch; None while it lasts.
     fall_db, sigma_db : the largest fall of C/N0, and its one sigma.
-    level_db : the largest rise of the front end's level; None if that is not known. lost : signals, the most at once.
+    level_db, level_sigma_db : the largest rise of the front end's level, and its one sigma; None if that is not known.
+    lost : signals, the most at once.
     may_be_shade : no window tells it from shade of the whole antenna.
     """
 
@@ -30,6 +32,19 @@ class Spell:
     lost: int
     signs: tuple[InterferenceSign, ...]
     may_be_shade: bool
+    level_sigma_db: float | None = None
+
+    @property
+    def jammer(self) -> JammerToNoise | None:
+        """Estimate its power over the receiver's noise, by C/N0 and by the level of the front end.
+
+        Where most signals are lost C/N0 gives a lower bound, and the level alone counts if it is known.
+        """
+        level = None if self.level_db is None or self.level_sigma_db is None else (self.level_db, self.level_sigma_db)
+        least = "lost" in self.signs
+        fall = None if least and level else (self.fall_db, self.sigma_db)
+        rises = [rise for rise in (fall, level) if rise is not None]
+        return estimate_jammer_to_noise(*zip(*rises, strict=True), at_least=least and level is None)
 
 
 def join_spells(evidence: Sequence[Finding], observations: Sequence[ObservationLog]) -> tuple[Spell, ...] | None:
@@ -69,6 +84,7 @@ def _begin_spell(rise: NoiseRise) -> Spell:
         lost=rise.lost,
         signs=rise.signs,
         may_be_shade=rise.may_be_shade,
+        level_sigma_db=rise.level_sigma_db,
     )
 
 
@@ -76,7 +92,8 @@ def _join_spell(spell: Spell, rise: NoiseRise) -> Spell:
     """Return a spell joined with the next one."""
     further = _begin_spell(rise)
     strongest = max(spell, further, key=lambda one: one.fall_db)
-    levels_db = [level for level in (spell.level_db, rise.level_db) if level is not None]
+    levels = [(of.level_db, of.level_sigma_db) for of in (spell, rise) if of.level_db is not None]
+    level_db, level_sigma_db = max(levels, key=lambda level: level[0], default=(None, None))
     assert spell.until_gpst is not None
     return replace(
         spell,
@@ -85,7 +102,8 @@ def _join_spell(spell: Spell, rise: NoiseRise) -> Spell:
         until_gpst=max(spell.until_gpst, rise.to_gpst),
         fall_db=strongest.fall_db,
         sigma_db=strongest.sigma_db,
-        level_db=max(levels_db, default=None),
+        level_db=level_db,
+        level_sigma_db=level_sigma_db,
         lost=max(spell.lost, rise.lost),
         signs=tuple(dict.fromkeys((*spell.signs, *rise.signs))),
         may_be_shade=spell.may_be_shade and rise.may_be_shade,

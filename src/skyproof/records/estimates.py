@@ -131,8 +131,8 @@ class NoiseRise(ShortRepr):
 
     carrier : by GPS's name where systems share one, "L1". from_gpst, to_gpst : first and last epoch that show it.
     fall_db, sigma_db : of C/N0, and its one sigma; a lower bound where most signals are lost. level_db : by which the
-    front end takes in more power; None where that is not known. lost : signals that are lost. may_be_shade : nothing
-    tells it from shade of the whole antenna.
+    front end takes in more power, and level_sigma_db; None where that is not known. lost : signals that are lost.
+    may_be_shade : nothing tells it from shade of the whole antenna.
     """
 
     receiver: str
@@ -145,6 +145,7 @@ class NoiseRise(ShortRepr):
     lost: int
     signs: tuple[InterferenceSign, ...]
     may_be_shade: bool
+    level_sigma_db: float | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False, slots=True)

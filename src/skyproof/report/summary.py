@@ -91,7 +91,9 @@ def _describe_interference(spell: InterferenceSpell) -> tuple[str, str]:
     """Since when, and how much where."""
     until = "" if spell.until_gpst is None else f" to {format_instant(spell.until_gpst)[11:]}"
     shade = "; shading of the whole antenna would look the same" if spell.may_also_be else ""
-    words = f"GPS time, {spell.receiver}: C/N0 down by {spell.fall_db:.0f} dB on {', '.join(spell.carriers)}{shade}"
+    strength = f", {spell.strength}" if spell.strength else ""
+    down = f"C/N0 down by {spell.fall_db:.0f} dB on {', '.join(spell.carriers)}"
+    words = f"GPS time, {spell.receiver}: {down}{strength}{shade}"
     return f"{format_instant(spell.since_gpst)[11:]}{until}", words
 
 

@@ -7,7 +7,16 @@ from skyproof.studies.base import Study
 
 __all__ = ["studies"]
 
-_PAPERS = ("multi_receiver", "dccaf", "inverse_raim", "vector_sqm", "ins_array", "spin")
+_PAPERS = (
+    "multi_receiver",
+    "multi_receiver_power",
+    "jammer_to_noise",
+    "dccaf",
+    "inverse_raim",
+    "vector_sqm",
+    "ins_array",
+    "spin",
+)
 """Order in which papers are listed; others come after them, by name."""
 
 

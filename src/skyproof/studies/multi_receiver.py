@@ -41,7 +41,7 @@ from skyproof.studies.multi_receiver_scene import (
 )
 from skyproof.studies.roc import count_interval
 
-__all__ = ["STUDIES"]
+__all__ = ["PAPER", "STUDIES"]
 
 PAPER = (
     "Stenberg, Axell, Rantakokko, Hendeby, Results on GNSS spoofing mitigation using multiple receivers, NAVIGATION "
@@ -530,8 +530,6 @@ DISTANCE = Study(
         *_list_claims(),
         Claim(what="Figure 5, dip at 35 m against 20 m", paper="dip",
               reference="cannot be made again: the almanac is not given, and the mean over sixteen skies has none"),
-        Claim(what="Figure 5, powers of -3 to +20 dB", paper="curves",
-              reference="power acts through the receiver's noise only, which the paper does not give"),
         Claim(what="Figures 7 to 12: live sky", paper="curves",
               reference="cannot be made again: the recordings are not public"),
     ),

@@ -20,6 +20,7 @@ from skyproof.errors import InputError, NotEnoughData, OutputError, SettingsErro
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.records import SampleGap, Samples
 from skyproof.simulator import scenes
+from skyproof.simulator.attacks import Interference
 from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd, ScenePlace
 from skyproof.simulator.sky import make_scene
@@ -148,6 +149,19 @@ def make_sky(*, if_hz: float = 0.0, duration_s: float = 0.06) -> tuple[Samples, 
     navigation = make_nominal_constellation(START)
     heard = {signal.id.sat for signal in make_scene(scenario, navigation).skies[0].signals}
     return render_samples(scenario, navigation)[0], heard
+
+
+def test_a_jammer_shows_its_power_over_the_noise() -> None:
+    near = ScenePlace(lat_deg=48.1005, lon_deg=11.6, height_m=500.0)
+    jammer = Interference(kind="noise", transmit=near, power_db=15.0, onset_s=0.03)
+    front_end = FrontEnd(rate_hz=4e6, encoding="int", bits=8)
+    scene = scenes.make_clean(PLACE, START, duration_s=0.06, receivers=1, seed=2, front_end=front_end)
+    scene = scene.model_copy(update={"interference": (jammer,)})
+    (samples,) = render_samples(scene, make_nominal_constellation(START))
+    document = inspect_samples(samples).document()
+    assert document["power"]["jammer_to_noise_low_db"] < 15.0 < document["power"]["jammer_to_noise_high_db"]
+    assert document["power"]["jammer_to_noise_db"] == pytest.approx(15.0, abs=1.0)
+    assert any("J/N" in remark for remark in document["remarks"])
 
 
 @pytest.fixture(scope="module")

@@ -61,6 +61,8 @@ def test_a_jammer_is_interference_and_no_attack(result) -> None:
     assert spell.until_gpst is None
     assert spell.carriers == ("L1",)
     assert spell.fall_db == pytest.approx(10.0, abs=1.0)
+    assert spell.jammer_to_noise_low_db < 10.0 * np.log10(9.0) < spell.jammer_to_noise_high_db
+    assert "J/N" in result.verdict.interference.words
     assert spell.signs == ("cn0", "level")
     assert spell.may_also_be == ()
 

@@ -3,13 +3,25 @@
 from collections.abc import Sequence
 from typing import Protocol
 
+import numpy as np
+
 from skyproof.app.inspect.policy import POLICY
+from skyproof.gnss.received_power import JammerToNoise, estimate_jammer_to_noise
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.recording.conditioning import MeasuredFrontEnd
 from skyproof.recording.survey import OscillatorError, Survey
 from skyproof.records import Samples
 
-__all__ = ["FoundSatellite", "advise", "remark_on_correction", "remark_on_oscillator", "remark_on_signals", "summary"]
+__all__ = [
+    "FoundSatellite",
+    "advise",
+    "estimate_power_over_quietest",
+    "remark_on_correction",
+    "remark_on_oscillator",
+    "remark_on_power",
+    "remark_on_signals",
+    "summary",
+]
 
 
 class FoundSatellite(Protocol):
@@ -65,6 +77,25 @@ def advise(samples: Samples, satellites: Sequence[FoundSatellite], *, gaps: int,
         needs.append("a recorder that loses no samples")
     needs.append("a second receiver some tens of metres away, recorded at the same time")
     return f"`protect` {can}; stronger with {_join_words(needs)}."
+
+
+def estimate_power_over_quietest(front: MeasuredFrontEnd) -> JammerToNoise | None:
+    """Estimate what comes in over the noise of the quietest stretch; None if the power stays the same."""
+    rise_db = float(np.nanmax(front.power_db) - np.nanmin(front.power_db))
+    return estimate_jammer_to_noise(rise_db, np.sqrt(2.0) * POLICY.gain_sigma_db)
+
+
+def remark_on_power(front: MeasuredFrontEnd) -> tuple[str, ...]:
+    """Report power in the band that rises by more than a gain wanders."""
+    jammer = estimate_power_over_quietest(front)
+    if jammer is None or jammer.low_db is None or jammer.high_db is None:
+        return ()
+    most, least = int(np.nanargmax(front.power_db)), int(np.nanargmin(front.power_db))
+    return (
+        f"the power in the band at {front.stretch_s[most]:.1f} s is {np.ptp(front.power_db[[least, most]]):.1f} dB "
+        f"over that at {front.stretch_s[least]:.1f} s: the gain changed, or what came in has J/N {jammer.db:.0f} dB "
+        f"({jammer.low_db:.0f} to {jammer.high_db:.0f} in 95 %)",
+    )
 
 
 def remark_on_signals(

@@ -8,8 +8,10 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
+from skyproof.app.inspect.advice import estimate_power_over_quietest
 from skyproof.app.inspect.guess import Proposal
 from skyproof.formats.raw import SampleLayout
+from skyproof.gnss.received_power import JammerToNoise
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import format_iso
 from skyproof.receiver.clock_agreement import Disagreement
@@ -69,11 +71,16 @@ class Inspection(ShortRepr):
     given: Samples | None = None
     disagreement: Disagreement | None = None
 
+    @property
+    def jammer(self) -> JammerToNoise | None:
+        """Estimate what comes in over the noise of the quietest stretch; None if the power stays the same."""
+        return estimate_power_over_quietest(self.front_end)
+
     def document(self) -> dict[str, Any]:
         """Return the document that `--json` prints: keys in order, numbers unrounded, None for what is absent."""
         samples, front, survey = self.samples, self.front_end, self.survey
         few = front.levels.size <= _LEVELS_LISTED
-        start, apart = samples.start_gpst, self.disagreement
+        start, apart, jammer = samples.start_gpst, self.disagreement, self.jammer
         document = {
             "format": "skyproof-inspect/1",
             "path": samples.path,
@@ -99,6 +106,13 @@ class Inspection(ShortRepr):
                 "values": front.levels if few else None,
                 "shares": front.level_shares if few else None,
                 "extreme_share": front.extreme_share,
+            },
+            "power": {
+                "seconds": front.stretch_s,
+                "power_db": front.power_db,
+                "jammer_to_noise_db": None if jammer is None else jammer.db,
+                "jammer_to_noise_low_db": None if jammer is None else jammer.low_db,
+                "jammer_to_noise_high_db": None if jammer is None else jammer.high_db,
             },
             "band_hz": list(front.band_hz),
             "noise_bandwidth_hz": front.noise_bandwidth_hz,

@@ -35,6 +35,9 @@ class InspectPolicy:
     other_rates_ppm: tuple[float, ...] = number(
         (-50.0, 50.0, -100.0, 100.0), "ppm", "A search of 20 ms reaches 25 ppm to either side: together 125 ppm."
     )
+    gain_sigma_db: float = number(
+        1.0, "dB", "Assumed: by which the gain of a front end wanders, as the method `levels` assumes."
+    )
     convincing_probability: float = number(
         1e-6, "1", "Chosen: noise gives what was found, in all that was tried, so rarely when a sidecar is written."
     )

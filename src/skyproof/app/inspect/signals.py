@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skyproof.app.inspect.advice import advise, remark_on_correction, remark_on_signals, summary
+from skyproof.app.inspect.advice import advise, remark_on_correction, remark_on_power, remark_on_signals, summary
 from skyproof.app.inspect.inspection import Inspection, Satellite
 from skyproof.app.inspect.policy import POLICY
 from skyproof.arrays import Floats
@@ -216,6 +216,7 @@ def assemble_inspection(
             *samples.remarks,
             *remarks,
             *front.remarks,
+            *remark_on_power(front),
             *remark_on_signals(samples, survey, conjugate, oscillator),
         ),
         summary=summary(samples, satellites, survey, conjugate, front),

@@ -24,7 +24,7 @@ Shade of the whole sky weakens all signals too. It is named beside unless the le
 levels, or the receiver is known to stand.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -280,7 +280,7 @@ class _Window:
         signs: list[InterferenceSign] = ["cn0"]
         signs += ["lost"] if 2 * lost > change.common.satellites else []
         signs += ["level"] if risen else []
-        levels_db = [g.rise_db for g in risen if np.isfinite(g.rise_db)]
+        level_db, level_sigma_db = _largest([(g.rise_db, g.sigma_db) for g in risen])
         rows = np.flatnonzero(change.series.change_db <= 0.5 * change.common.change_db)
         begun, ended = self.o.gpst[0] if lasting else self._first_changed(change), self.o.gpst[rows[-1]]
         if change.short:
@@ -292,10 +292,11 @@ class _Window:
             to_gpst=ended,
             fall_db=max(change.lasting_db if change.short else change.fall_db, 0.0),
             sigma_db=self._sigma_db(change),
-            level_db=max(levels_db) if levels_db else None,
+            level_db=level_db,
             lost=lost,
             signs=tuple(signs),
             may_be_shade=not (risen or uneven or stands),
+            level_sigma_db=level_sigma_db,
         )
 
     def _last_of(self, change: UnitChange) -> NoiseRise | None:
@@ -332,7 +333,7 @@ class _Window:
     def _end_of(self, change: UnitChange, gauges: list[GaugeChange]) -> NoiseRise:
         """Return interference that was there since the receiver's first epoch, now that it has ended."""
         (carrier,) = change.unit
-        levels_db = [-g.rise_db for g in self._find_fallen(change, gauges) if np.isfinite(g.rise_db)]
+        level_db, level_sigma_db = _largest([(-g.rise_db, g.sigma_db) for g in self._find_fallen(change, gauges)])
         return NoiseRise(
             receiver=self.o.receiver,
             carrier=carrier,
@@ -340,10 +341,11 @@ class _Window:
             to_gpst=self._last_unchanged(change),
             fall_db=max(change.common.change_db, 0.0),
             sigma_db=self._sigma_db(change),
-            level_db=max(levels_db, default=None),
+            level_db=level_db,
             lost=0,
             signs=("cn0", "level"),
             may_be_shade=False,
+            level_sigma_db=level_sigma_db,
         )
 
     def _weak_start(self) -> tuple[WeakStart, ...]:
@@ -643,3 +645,9 @@ def _medians(values: Reals) -> Reals:
     found = np.full(values.shape[1], np.nan)
     found[known] = np.nanmedian(values[:, known], axis=0)
     return found
+
+
+def _largest(changes: Sequence[tuple[float, float]]) -> tuple[float | None, float | None]:
+    """Return the largest change of a level with its sigma, dB; None where none is known in decibels."""
+    known = [(change_db, sigma_db) for change_db, sigma_db in changes if np.isfinite(change_db)]
+    return max(known, default=(None, None))

@@ -44,13 +44,14 @@ class Gauge(NamedTuple):
 class GaugeChange(NamedTuple):
     """How far a chain's level is over its own past: in sigmas, in dB where that is known, and the chances of it.
 
-    rise, fall : chance of a level so far up or down.
+    sigma_db : of rise_db by the gain's own wander. rise, fall : chance of a level so far up or down.
     """
 
     chain: str
     kind: str
     statistic: float
     rise_db: float
+    sigma_db: float
     rise: float
     fall: float
 
@@ -78,7 +79,11 @@ def follow_gauges(
         statistic = (value - gauge.level) / np.sqrt(1.0 + 1.0 / gauge.windows)
         rise, fall = gauge.scale.above(statistic), gauge.scale.below(statistic)
         in_db = gain_db if kind != "share" else np.nan
-        changes.append(GaugeChange(chain, kind, float(statistic), (value - gauge.level) * in_db, rise, fall))
+        rise_db, sigma_db = (
+            (value - gauge.level) * in_db,
+            in_db * gauge.scale.sigma * np.sqrt(1.0 + 1.0 / gauge.windows),
+        )
+        changes.append(GaugeChange(chain, kind, float(statistic), rise_db, float(sigma_db), rise, fall))
         if min(rise, fall) * len(after) > steady_probability:
             windows = min(gauge.windows + 1.0, POLICY.remembered_windows)
             level = gauge.level + (value - gauge.level) / windows
