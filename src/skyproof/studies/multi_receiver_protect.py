@@ -48,15 +48,23 @@ class Judged(NamedTuple):
 
 
 def judge_sky(
-    sky: int, names: tuple[str, ...], window_s: int, noise: Noise, rng: np.random.Generator, *, places_given: bool
+    sky: int,
+    names: tuple[str, ...],
+    window_s: int,
+    noise: Noise,
+    rng: np.random.Generator,
+    *,
+    places_given: bool,
+    cn0_dbhz: tuple[float, float] = (_CN0_DBHZ, _CN0_DBHZ),
 ) -> Judged:
     """Judge one draw of errors in the sky of this number, as `protect` does by default.
 
-    places_given : whether the user states where the antennas stand.
+    places_given : whether the user states where the antennas stand. cn0_dbhz : of true and of false signals; `noise` is
+    that at 45 dB-Hz, and grows as thermal noise does.
     """
     when, orbits = skies()[sky]
     navigation = NavigationData(ephemerides=orbits)
-    scenario = _scenario(when, tuple(orbit.sat for orbit in orbits), names, window_s)
+    scenario = _scenario(when, tuple(orbit.sat for orbit in orbits), names, window_s, cn0_dbhz)
     errors = NoiseModel(
         sigma_m=noise.sigma_m,
         reference_cn0_dbhz=_CN0_DBHZ,
@@ -75,7 +83,14 @@ def judge_sky(
     return Judged(counts["authentic"] / len(names), counts["spoofed"] / len(names), outcome.decision.verdict)
 
 
-def _scenario(when: np.datetime64, sats: tuple[str, ...], names: tuple[str, ...], window_s: int) -> Scenario:
+def _scenario(
+    when: np.datetime64,
+    sats: tuple[str, ...],
+    names: tuple[str, ...],
+    window_s: int,
+    cn0_dbhz: tuple[float, float],
+) -> Scenario:
+    true_dbhz, false_dbhz = cn0_dbhz
     meaconer: Any = ScenePlace(**_place(MEACONER_ENU_M))
     return Scenario(
         start_gpst=when,
@@ -84,10 +99,14 @@ def _scenario(when: np.datetime64, sats: tuple[str, ...], names: tuple[str, ...]
             SceneReceiver(name=name, **_place(PLACES[name]), clock_offset_s=clock_s)
             for name, clock_s in zip(names, _CLOCKS_S, strict=False)
         ),
-        sky=Sky(zenith_cn0_dbhz=_CN0_DBHZ, horizon_cn0_dbhz=_CN0_DBHZ, sats=sats),
+        sky=Sky(zenith_cn0_dbhz=true_dbhz, horizon_cn0_dbhz=true_dbhz, sats=sats),
         attacks=(
             Meaconer(
-                receive=meaconer, transmit=meaconer, delay_s=DELAY_M / SPEED_OF_LIGHT_M_S, power_db=0.0, onset_s=-1.0
+                receive=meaconer,
+                transmit=meaconer,
+                delay_s=DELAY_M / SPEED_OF_LIGHT_M_S,
+                power_db=false_dbhz - true_dbhz,
+                onset_s=-1.0,
             ),
         ),
     )

@@ -218,8 +218,8 @@ def draw_errors(noise: Noise, shape: tuple[int, ...], rng: np.random.Generator) 
     return np.asarray(noise.sigma_m * unit + constant)
 
 
-def paper_decision(range_m: Reals, *, tested: Tested) -> Kept:
-    """Decide by detector 1b ("line" of code) or 2b ("slope" of carrier) at 1 % and the counting rule.
+def paper_decision(range_m: Reals, *, tested: Tested, rate: float = ALPHA_PAPER) -> Kept:
+    """Decide by detector 1b ("line" of code) or 2b ("slope" of carrier) and the counting rule.
 
     range_m : (windows, N, 7, R, 2).
     """
@@ -229,7 +229,7 @@ def paper_decision(range_m: Reals, *, tested: Tested) -> Kept:
     sd_m = chosen[..., 1:] - chosen[..., :1]
     flat = np.moveaxis(sd_m.reshape(*sd_m.shape[:2], SATS * len(tracks), receivers - 1), 1, 2)
     rule = counting_rule(
-        reject_pairs(flat, ALPHA_PAPER, tested=tested),
+        reject_pairs(flat, rate, tested=tested),
         np.repeat(np.arange(SATS), len(tracks)),
         np.tile(tracks, (SATS, 1)),
     )
