@@ -2,6 +2,7 @@
 
     python bench/arrays.py --attacks 300 --clean 600     counts; --first 300 goes on elsewhere
     python bench/arrays.py --only 17                     all that is said of one scene
+    python bench/arrays.py --few 100                     one or two signals that move nothing: false, or by echoes only
 
 Each scene is one window of 10 s, judged by `ins_array`, `array_common` and `residual` and fused as `protect` does. A
 wrong word is a true signal called spoofed or a false one called authentic. A direction's error is that of the nearest
@@ -36,6 +37,10 @@ ALPHA = 1e-3 * 10.0 / 3600.0 / 9.0
 """Of a test: one false word in a thousand hours of windows of 10 s, shared by nine detectors."""
 EPOCHS, STEP_S = 50, 0.2
 LASTING_CYC = 0.01
+NOWHERE_M = (0.0, 0.0, 0.0)
+ECHO_DELAY = (2.81, 80.93)
+"""Shape and scale, metres, of the gamma law of an echo's delay at 30 to 45 degrees: Chen, He, Pei, Satellite Navigation
+1:26, 2020, table 1."""
 LOST_DB = 10.0  # by which a false signal drowns the true one of its satellite
 
 
@@ -64,8 +69,11 @@ def elements_of(rng: np.random.Generator, antennas: int, side_m: float, flat: bo
     return places @ Rotation.from_euler("z", rng.uniform(0.0, 2.0 * np.pi)).as_matrix().T
 
 
-def drawn(number: int, *, attack: bool, reflections_cyc: float = 0.0) -> Drawn:
-    """One scene by its number."""
+def drawn(number: int, *, attack: bool, reflections_cyc: float = 0.0, few: bool = False) -> Drawn:
+    """One scene by its number.
+
+    few : one or two signals instead of the true ones, which show the true place and time.
+    """
     rng = np.random.default_rng([number, attack])
     words: dict[str, Any] = {
         "antennas": int(rng.choice([3, 4, 7])),
@@ -78,9 +86,13 @@ def drawn(number: int, *, attack: bool, reflections_cyc: float = 0.0) -> Drawn:
     }
     lat_deg, lon_deg = rng.uniform(-65.0, 65.0), rng.uniform(-180.0, 180.0)
     shows_m = (*rng.uniform(-1e3, 1e3, 2), rng.uniform(-20.0, 20.0))
+    false_sky = FalseSky(shows_enu_m=shows_m, delay_m=rng.uniform(-1e3, 1e3))
+    if few:
+        words |= {"places": 2, "power_db": float(rng.uniform(-3.0, 6.0))}
+        false_sky = FalseSky(antenna_enu_m=NOWHERE_M, shows_enu_m=NOWHERE_M, delay_m=0.0)
     scene = MeasuredScene(
         antennas_enu_m={"rx1": (0.0, 0.0, 0.0)},
-        false=(FalseSky(shows_enu_m=shows_m, delay_m=rng.uniform(-1e3, 1e3)),) * attack,
+        false=(false_sky,) * attack,
         epochs=EPOCHS,
         step_s=STEP_S,
         errors=TrackErrors(1.0, 0.9, 0.7),
@@ -91,8 +103,11 @@ def drawn(number: int, *, attack: bool, reflections_cyc: float = 0.0) -> Drawn:
     (o,) = records.observations
     false = np.array([s.copy == "b" for s in o.signals])
     sats = sorted({s.sat for s in o.signals})
-    copied = set(rng.choice(sats, rng.integers(1, len(sats) + 1), replace=False)) if attack else set()
-    lost = copied if words["power_db"] > LOST_DB else set()
+    changed = (
+        set(rng.choice(sats, rng.integers(1, 3 if few else len(sats) + 1), replace=False)) if attack or few else set()
+    )
+    copied = changed if attack else set()
+    lost = copied if few or words["power_db"] > LOST_DB else set()
     kept = np.array([(s.sat in copied) if s.copy == "b" else s.sat not in lost for s in o.signals])
     o, false = _columns(o, kept), false[kept]
     o = replace(o, cn0_dbhz=o.cn0_dbhz + np.where(false, words["power_db"], 0.0))
@@ -100,7 +115,12 @@ def drawn(number: int, *, attack: bool, reflections_cyc: float = 0.0) -> Drawn:
         : words["places"]
     ][:, [1, 0, 2]]
     of_sat = dict(zip(sats, rng.integers(0, max(words["places"], 1), len(sats)), strict=True))
-    place = np.where(false, [of_sat[s.sat] for s in o.signals], -1)
+    elsewhere = false if attack else np.array([s.sat in changed for s in o.signals])
+    place = np.where(elsewhere, [of_sat[s.sat] for s in o.signals], -1)
+    if few and not attack:
+        late_m = np.where(elsewhere, rng.gamma(*ECHO_DELAY, elsewhere.size), 0.0)
+        weaker_db = np.where(elsewhere, rng.uniform(1.0, 12.0, elsewhere.size), 0.0)
+        o = replace(o, pseudorange_m=o.pseudorange_m + late_m, cn0_dbhz=o.cn0_dbhz - weaker_db)
     phases, state = _phases(rng, scene, o, place, directions, words, reflections_cyc)
     records = replace(
         records,
@@ -173,8 +193,8 @@ def _phases(
     return made, replace(state, attitude=turned, covariance=covariance)
 
 
-def judged(scene: Drawn) -> tuple[list[Evidence], dict[Any, str]]:
-    """All evidence, and the label of each signal."""
+def judged(scene: Drawn) -> tuple[list[Evidence], dict[Any, str], str]:
+    """All evidence, the label of each signal, and the run's word."""
     detectors = (
         InsArray(InsArraySettings(false_alarm_probability=ALPHA)),
         ArrayCommon(ArrayCommonSettings(false_alarm_probability=ALPHA)),
@@ -182,7 +202,7 @@ def judged(scene: Drawn) -> tuple[list[Evidence], dict[Any, str]]:
     )
     evidence = [findings for detector in detectors for findings in detector.examine(scene.records)[0]]
     decision = fuse(evidence, scene.records.observations, scene.records.sets)
-    return evidence, {s.ref.signal: s.label for s in decision.labels}
+    return evidence, {s.ref.signal: s.label for s in decision.labels}, decision.verdict
 
 
 def counted(scenes: Iterator[Drawn]) -> tuple[Counter[str], list[float], list[str]]:
@@ -191,7 +211,8 @@ def counted(scenes: Iterator[Drawn]) -> tuple[Counter[str], list[float], list[st
     off: list[float] = []
     wrong: list[str] = []
     for scene in scenes:
-        evidence, labels = judged(scene)
+        evidence, labels, word = judged(scene)
+        count[f"run {word}"] += 1
         signals = scene.records.observations[0].signals
         said = [(labels.get(s, "unknown"), bool(f)) for s, f in zip(signals, scene.false, strict=True)]
         count.update(f"{'false' if f else 'true'} {label}" for label, f in said)
@@ -222,12 +243,14 @@ def report() -> Iterator[str]:
     yield from table(attacks=20, clean=20)
 
 
-def table(*, attacks: int, clean: int, first: int = 0) -> Iterator[str]:
+def table(*, attacks: int, clean: int, few: int = 0, first: int = 0) -> Iterator[str]:
     """Counts of drawn scenes."""
     kinds = (
         ("attacks", attacks, {"attack": True}),
         ("clean", clean, {"attack": False}),
         ("clean, reflections of 0.02 cycle", clean, {"attack": False, "reflections_cyc": 0.02}),
+        ("one or two false signals that move nothing", few, {"attack": True, "few": True}),
+        ("one or two satellites by an echo only", few, {"attack": False, "few": True}),
     )
     for name, number, how in kinds:
         count, off, wrong = counted(drawn(k, **how) for k in range(first, first + number))
@@ -246,17 +269,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--attacks", type=int, default=300)
     parser.add_argument("--clean", type=int, default=600)
+    parser.add_argument("--few", type=int, default=0)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--only", type=int)
     parser.add_argument("--quiet-sky", action="store_true", help="of --only: the clean scene of that number")
     options = parser.parse_args()
     if options.only is None:
-        for row in table(attacks=options.attacks, clean=options.clean, first=options.first):
+        for row in table(attacks=options.attacks, clean=options.clean, few=options.few, first=options.first):
             print(row, flush=True)
         return
-    scene = drawn(options.only, attack=not options.quiet_sky)
-    evidence, labels = judged(scene)
-    print(scene.words)
+    scene = drawn(options.only, attack=not options.quiet_sky, few=options.few > 0)
+    evidence, labels, word = judged(scene)
+    print(word, scene.words)
     for e in evidence:
         print(e.detector, e.says, explain(e).sentence, e.p_value, [f"{r.signal.sat}{r.signal.copy}" for r in e.signals])
         print("   ", [np.degrees([d.azimuth_rad, d.elevation_rad]).round(1).tolist() for d in e.directions])

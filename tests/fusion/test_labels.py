@@ -1,5 +1,6 @@
 """Evidence of many windows to labels: what it holds for, and what it does not."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -171,6 +172,18 @@ def test_a_single_fault_costs_its_signal_and_not_the_others(invented):
     labels = label_signals([*failed, *evidence], [invented.observations()])
     assert list_stretches(labels, "G05a") == [("unknown", 0, 39)]
     assert list_stretches(labels, "G07a") == [("authentic", 0, 39)]
+
+
+def test_a_test_that_singles_a_signal_out_leaves_that_one_open(invented):
+    failed = [
+        replace(invented.evidence(w, "undecided", "G05a", detector="two", p_value=1e-30), singled_out=True)
+        for w in range(4)
+    ]
+    for of_others in (ALL, ALL[1:]):
+        evidence = [invented.evidence(w, "authentic", *of_others) for w in range(4)]
+        labels = label_signals([*failed, *evidence], [invented.observations()])
+        assert list_stretches(labels, "G05a") == [("unknown", 0, 39)]
+        assert list_stretches(labels, "G07a") == [("authentic", 0, 39)]
 
 
 def test_a_minority_is_not_authentic_where_most_fail_together(invented):

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from skyproof.explain.array_common import FEW_ANTENNAS
-from skyproof.explain.entry import Entry, join
+from skyproof.explain.entry import Entry, Words, join
 from skyproof.records import Finding
 
 __all__ = ["ENTRIES"]
@@ -44,6 +44,18 @@ def _count_true(finding: Finding) -> str:
     return words + (f"; {data['as_reflections']} look like reflections" if data["as_reflections"] else "")
 
 
+def _describe_elsewhere(how: str) -> Words:
+    """Return words that name the satellites whose signals come from elsewhere. how : what of their delays is so."""
+
+    def describe(finding: Finding) -> str:
+        data: Mapping[str, Any] = finding.data
+        over = f"over {data['over_s']:.0f} s " if "over_s" in data else ""
+        where = f"{finding.signals[0].receiver} from elsewhere than their satellites"
+        return f"{over}signals of {join(data['sats'])} come to {where}, {how}"
+
+    return describe
+
+
 def _describe_unlike(finding: Finding) -> str:
     """State how many signals do not come from their satellites, and that nothing shows why."""
     data: Mapping[str, Any] = finding.data
@@ -53,6 +65,11 @@ def _describe_unlike(finding: Finding) -> str:
         "stand, and too few others confirm the stated attitude, line biases and antennas"
     )
 
+
+_LATE: Final = Entry(_describe_elsewhere("late as reflections are"))
+_NOT_LATE: Final = Entry(
+    _describe_elsewhere("and are not late as reflections are"), "a place without reflectors within some metres"
+)
 
 ENTRIES: Final[Mapping[str, Entry]] = {
     "few_antennas": FEW_ANTENNAS,
@@ -89,6 +106,10 @@ ENTRIES: Final[Mapping[str, Entry]] = {
         "and weaker than true ones: a repeater, a reflector, or false signals",
         "more antennas, or antennas farther apart",
     ),
+    "reflected": _LATE,
+    "reflected_over_time": _LATE,
+    "not_late": _NOT_LATE,
+    "not_late_over_time": _NOT_LATE,
     "not_as_stated": Entry(
         _describe_unlike, "a check of attitude, antennas_m and line_bias_cyc of {receiver} in the platform file"
     ),

@@ -10,6 +10,7 @@ A window in which a test of the signal failed (its p-value is below its false-al
 "undecided") is not silent: true and false signals may be mixed in it. What was authentic before is open there, unless
 the window itself has evidence for nearly all of the signals that failed together, that they are authentic or that
 they are false. Not even that helps where the test overrules the others, unless false signals are named in the window.
+A test that singles a signal out makes that one open, and no other.
 """
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
@@ -116,8 +117,8 @@ def _collect_votes(evidence: Sequence[Finding], o: ObservationLog) -> dict[Signa
             for e in findings
             if e.failed and not (e.overrules and attacked)
         ]
-        failed = [refs for e, refs in tests if refs and not e.overrules]
-        overruled = set[SignalRef]().union(*(refs for e, refs in tests if e.overrules))
+        failed = [refs for e, refs in tests if refs and not e.overrules and not e.singled_out]
+        overruled = set[SignalRef]().union(*(refs for e, refs in tests if e.overrules or e.singled_out))
         spoken: set[SignalRef] = set()
         for e in findings:
             refs = {ref for ref in e.signals if ref.receiver == o.receiver}

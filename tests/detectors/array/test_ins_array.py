@@ -84,7 +84,7 @@ def test_a_satellite_behind_the_transmitter_is_not_authentic():
 )
 def test_a_signal_that_another_covers_is_not_named(monkeypatch, band, code, apart_m, weaker_db, named):
     # Its phases are a mixture of both: where they overlap, and where filters leave some of a stronger one.
-    monkeypatch.setattr("skyproof.detectors.array.ins_array.select_reflections", lambda *given, **more: frozenset())
+    monkeypatch.setattr("skyproof.detectors.array.ins_array.select_reflections", lambda *given, **more: {})
     direction = TRUE.copy()
     direction[:, 3], direction[:, 2] = TRUE[:, 2], TRUE[:, 0]
     records = draw_array_records(np.random.default_rng(8), direction)
@@ -101,13 +101,31 @@ def test_a_signal_that_another_covers_is_not_named(monkeypatch, band, code, apar
     assert {*SIGNALS[:2], *SIGNALS[4:]} <= words["authentic"]
 
 
+def explain_as_reflections(monkeypatch, *, late=True):
+    monkeypatch.setattr(
+        "skyproof.detectors.array.ins_array.select_reflections",
+        lambda observations, navigation, place_ecef_m, true, others, **given: dict.fromkeys(others, late),
+    )
+
+
+@pytest.mark.parametrize(("late", "word"), [(True, "multipath"), (False, "undecided")])
+def test_a_signal_from_elsewhere_is_a_reflection_only_if_it_is_late(monkeypatch, late, word):
+    explain_as_reflections(monkeypatch, late=late)
+    direction = TRUE.copy()
+    direction[:, 2] = direction_cosines(np.radians(40.0), np.radians(-25.0))
+    records = draw_array_records(np.random.default_rng(8), direction)
+    words, evidence = examine_records(records)
+    assert words == {word: {SIGNALS[2]}, "authentic": {*SIGNALS[:2], *SIGNALS[3:]}}
+    (open_still,) = [e for e in evidence if e.says == word]
+    assert (open_still.failed, open_still.singled_out) == (not late, True)
+
+
 def test_reflections_from_one_direction_leave_the_sky_open(monkeypatch):
-    late = "skyproof.detectors.array.ins_array.select_reflections"
-    monkeypatch.setattr(late, lambda observations, navigation, place_ecef_m, true, others, **given: frozenset(others))
+    explain_as_reflections(monkeypatch)
     direction = TRUE.copy()
     direction[:, 2:4] = direction_cosines(np.radians([40.0, 200.0]), np.radians([-25.0, -60.0]))
     words, _ = examine_records(draw_array_records(np.random.default_rng(8), direction))
-    assert words == {"authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
+    assert words == {"multipath": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
     words, evidence = examine_records(move_two())
     assert words == {"undecided": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
     (open_still,) = [e for e in evidence if e.says == "undecided"]
@@ -129,8 +147,7 @@ def find_low_satellite():
 @pytest.mark.parametrize("low", [True, False])
 def test_signals_beside_a_false_one_are_of_its_transmitter(monkeypatch, low):
     # All that come from there look like reflections, but the satellite of one stands below the horizon.
-    late = "skyproof.detectors.array.ins_array.select_reflections"
-    monkeypatch.setattr(late, lambda observations, navigation, place_ecef_m, true, others, **given: frozenset(others))
+    explain_as_reflections(monkeypatch)
     direction = TRUE.copy()
     direction[:, 5:] = direction_cosines(np.radians(40.0), np.radians(-25.0))
     records = draw_array_records(np.random.default_rng(8), direction)

@@ -4,8 +4,8 @@ The model and its tests are in `array_model`; which signals agree, with what is 
 most of them show, in `find_agreement`; from where the others come in `find_arrivals`.
 """
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from math import comb
 from typing import Any, NamedTuple
@@ -100,6 +100,19 @@ class ArrayView(NamedTuple):
         return len({self.refs[k].signal.sat for k in self.agreed.members})
 
 
+@dataclass(frozen=True)
+class _ByPlace:
+    """Rows of signals that do not come from their satellites.
+
+    spoofed : of one place each, with a p-value. alike : which reflections explain but for coming from one place, with
+    the chance of that. reflected : which reflections explain, by row: whether it is late, and its p-value.
+    """
+
+    spoofed: list[tuple[list[int], float]] = field(default_factory=list)
+    alike: list[tuple[list[int], float]] = field(default_factory=list)
+    reflected: dict[int, tuple[bool, float]] = field(default_factory=dict)
+
+
 class InsArray:
     """Detect false directions of arrival, from `array_phases`, orbits, and the attitude in `nav_state` if known.
 
@@ -110,7 +123,8 @@ class InsArray:
 
     The joint test of all signals and the conditional tests of each share the false alarms evenly, by the union bound.
     In a sky that fails, a signal is false if it comes from elsewhere than its satellite and is earlier or
-    stronger than reflections are. So are the signals of three satellites or more from one place.
+    stronger than reflections are. So are the signals of three satellites or more from one place. Others from elsewhere
+    are reflections, or false; which is open of those that are not late.
     """
 
     name = "ins_array"
@@ -180,13 +194,13 @@ class InsArray:
         if not view.accepted and (view.agreed.frame.attitude_free or view.agreed.frame.bias_free):
             return waiting, list(alone)  # nothing shows how the body stands
         waiting, complete = add_block(waiting, block)
-        named = {ref for finding in alone if finding.says == "spoofed" for ref in finding.signals}
+        named = {ref for finding in alone if finding.singled_out for ref in finding.signals}
         found = list[Finding]()
         for joined in complete:
             judge = self.spending(alpha_of_block(self.settings.false_alarm_probability, joined.windows))
             over = Reporter(judge, report.records, report.hypothesis)
             for finding in judge.judge(over, judge.view_of(joined, view, kept), navigation):
-                if finding.says != "spoofed":
+                if not finding.singled_out:
                     continue
                 waiting = waiting.with_false(finding.signals, joined.windows)
                 if not named.issuperset(finding.signals):
@@ -291,9 +305,10 @@ class InsArray:
         sure = np.setdiff1d(agreed.members, agreed.doubtful)
         deviating = np.setdiff1d(np.arange(n), np.union1d(agreed.members, agreed.doubtful) if view.accepted else [])
         true = select_one_sky(records, receiver, [view.refs[k] for k in sure]) if view.accepted else ()
-        spoofed, alike = (
-            self._find_spoofed(records, view, deviating, true, navigation) if agreed.p_value < alpha else ([], [])
+        by_place = (
+            self._sort_by_place(records, view, deviating, true, navigation) if agreed.p_value < alpha else _ByPlace()
         )
+        spoofed = by_place.spoofed
         found = [self._find_false(report, view, rows, p_value) for rows, p_value in spoofed]
         true = tuple(
             view.refs[k]
@@ -315,7 +330,8 @@ class InsArray:
                     true, "from_satellites", p, hypothesis=Hypothesis.ONE_ANTENNA, data=data, estimates=estimates
                 )
             )
-            found += [self._find_repeated(report, view, rows, chance) for rows, chance in alike]
+            found += [self._find_repeated(report, view, rows, chance) for rows, chance in by_place.alike]
+            found += self._find_reflected(report, view, by_place.reflected)
         if found:
             return [*found, *self._test_rest(report, view, found)]
         if agreed.p_value >= alpha:
@@ -356,20 +372,18 @@ class InsArray:
         p = {Cause.CLEAN: view.agreed.p_value, **leave_open((Cause.STATEMENT, Cause.REFLECTIONS))}
         return report.find(view.refs, "not_as_stated", p, hypothesis=hypothesis, data=data)
 
-    def _find_spoofed(
+    def _sort_by_place(
         self,
         records: Records,
         view: ArrayView,
         others: Indices,
         true: Sequence[SignalRef],
         navigation: NavigationData,
-    ) -> tuple[list[tuple[list[int], float]], list[tuple[list[int], float]]]:
-        """Find signals that are false, by the place that they come from, with a p-value each.
-
-        Returns also those that reflections explain but for coming from one place, with the chance of that.
-        """
+    ) -> "_ByPlace":
+        """Sort signals that do not come from their satellites by the place that they come from."""
+        sorted_ = _ByPlace()
         if not others.size:
-            return [], []
+            return sorted_
         alpha, measured, n = self.settings.false_alarm_probability, view.measured, len(view.refs)
         # Those that come from where their satellites stand are no choice for a cluster, and so count for none.
         white = white_covariance(measured.sigma_cyc[others])
@@ -389,8 +403,6 @@ class InsArray:
         )
         overlapped = _find_overlapped(observed.get(view.refs[0].receiver), view.refs)
         below = _find_below_horizon(view, observed.get(view.refs[0].receiver))
-        found: list[tuple[list[int], float]] = []
-        alike: list[tuple[list[int], float]] = []
         for label in np.unique(clusters.labels):
             rows = others[clusters.labels == label]
             size = len({view.refs[k].signal.sat for k in rows})
@@ -399,17 +411,21 @@ class InsArray:
             if size >= POLICY.one_place_satellites and by_chance < alpha:
                 # Of two signals of one satellite from there, one may be the true one of a satellite behind it.
                 named = select_unrepeated(view.refs, rows.tolist())
-                (found if named else alike).append((named or rows.tolist(), by_chance))
+                (sorted_.spoofed if named else sorted_.alike).append((named or rows.tolist(), by_chance))
                 continue
             by_itself = [k for k in select_unrepeated(view.refs, rows.tolist()) if view.refs[k] not in overlapped]
             unexplained = [k for k in by_itself if true and view.refs[k].signal not in explained]
             false = sorted({*unexplained, *(k for k in by_itself if k in below)})
-            p_value = min(1.0, n * float(view.agreed.p_values[false].max(initial=0.0)))
+            p_values = np.minimum(1.0, n * view.agreed.p_values)
+            p_value = float(p_values[false].max(initial=0.0))
             if false and p_value < alpha:
-                found.append((self._with_companions(view, false, rows, every, chance), p_value))
+                sorted_.spoofed.append((self._with_companions(view, false, rows, every, chance), p_value))
             elif size > 1 and by_chance < POLICY.reflections_alike_probability:
-                alike.append((rows.tolist(), by_chance))
-        return found, alike
+                sorted_.alike.append((rows.tolist(), by_chance))
+            else:
+                late = {k: explained[view.refs[k].signal] for k in by_itself if view.refs[k].signal in explained}
+                sorted_.reflected.update({k: (late[k], p_values[k]) for k in late if p_values[k] < alpha})
+        return sorted_
 
     def _with_companions(
         self, view: ArrayView, false: list[int], rows: Indices, satellites: int, chance: float
@@ -445,6 +461,26 @@ class InsArray:
         return report.find(
             refs, "repeated", p, hypothesis=Hypothesis.SEPARATE_ORIGINS, alpha=POLICY.reflections_alike_probability
         )
+
+    def _find_reflected(
+        self, report: Reporter, view: ArrayView, reflected: Mapping[int, tuple[bool, float]]
+    ) -> list[Finding]:
+        """Return which signals are late as reflections are, and which may be reflections or false.
+
+        A reflection is later than the direct signal would be, by less than noise only if the reflector is near.
+        """
+        found = list[Finding]()
+        for late, code, causes in (
+            (True, "reflected", (Cause.REFLECTIONS,)),
+            (False, "not_late", (Cause.REFLECTIONS, Cause.FAULT)),
+        ):
+            p_values = {k: p_value for k, (is_late, p_value) in reflected.items() if is_late == late}
+            if p_values:
+                refs = tuple(view.refs[k] for k in p_values)
+                p = {Cause.CLEAN: max(p_values.values()), **leave_open(causes)}
+                data: dict[str, Datum] = {"sats": tuple(ref.signal.sat for ref in refs)}
+                found.append(report.find(refs, code, p, singled_out=True, data=data))
+        return found
 
     def _is_behind_transmitter(self, view: ArrayView, k: int, rows: list[int]) -> bool:
         """Tell if a signal could come from the place of false ones, none of them of its satellite.

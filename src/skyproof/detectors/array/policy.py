@@ -101,6 +101,12 @@ class ArrayPolicy:
         "Half of the half chip from early to late: opposite reflections draw a signal off by so much.",
         "Kaplan & Hegarty, 9.5",
     )
+    blended_gain_db: float = number(
+        6.0,
+        "dB",
+        "A reflection as strong as the direct signal and in phase with it doubles the amplitude of their sum.",
+        "Kaplan & Hegarty, 9.5",
+    )
     level_scale_cyc: float = number(
         0.24, "cycle", "Baseline of an array that measures level direction cosines without whole cycles."
     )

@@ -23,22 +23,25 @@ def select_reflections(
     *,
     multipath_sigma_m: float,
     ionosphere_share: float,
-) -> frozenset[SignalId]:
+) -> dict[SignalId, bool]:
     """Select those of `others` that reflections of the signals in `true` explain, seen from a place (3,).
 
     They are hardly earlier than the place and the clock of `true` predict. They are weaker than the true signal of
-    their satellite. Without one, they are no stronger than the strongest true signal of their kind.
+    their satellite. Without one, they may be the sum of the direct signal and its reflection, which is at most
+    `blended_gain_db` stronger than the strongest true signal of their kind.
+
+    Returns of each whether it is late by more than noise.
 
     Signals without a pseudorange are left out: nothing is known of their delay.
     """
     if observations is None or not others or observations.gpst.size == 0:
-        return frozenset()
+        return {}
     mean, ranges, usable = measure_window(
         observations, navigation, multipath_sigma_m=multipath_sigma_m, ionosphere_share=ionosphere_share, min_share=0.1
     )
     rows = np.flatnonzero(usable)
     if not rows.size:
-        return frozenset()
+        return {}
     misfit_m, sigma_m, _ = compute_misfits(ranges, rows, np.append(place_ecef_m, 0.0))
     late = {mean.signals[row]: (m, s) for row, m, s in zip(rows, misfit_m, sigma_m, strict=True)}
     level = dict(zip(observations.signals, levels_dbhz(observations), strict=True))
@@ -46,7 +49,7 @@ def select_reflections(
     for signal in true:
         if signal in late:
             clocks.setdefault(signal.kind, []).append(late[signal][0])
-    found = set()
+    found = dict[SignalId, bool]()
     for signal in others:
         if signal not in late or signal.kind not in clocks:
             continue
@@ -55,12 +58,13 @@ def select_reflections(
         usual = (
             max(of_sat) - SECOND_SIGNALS.copy_weaker_db
             if of_sat
-            else max(level[signal_id] for signal_id in true if signal_id.kind == signal.kind)
+            else max(level[signal_id] for signal_id in true if signal_id.kind == signal.kind) + POLICY.blended_gain_db
         )
-        early_m = max(POLICY.early_sigmas * np.sqrt(2.0) * late[signal][1], POLICY.blended_chips * signal.plan.chip_m)
+        noise_m = float(POLICY.early_sigmas * np.sqrt(2.0) * late[signal][1])
+        early_m = max(noise_m, POLICY.blended_chips * signal.plan.chip_m)
         if -early_m < late_m < SECOND_SIGNALS.most_late_m and level[signal] <= usual:
-            found.add(signal)
-    return frozenset(found)
+            found[signal] = late_m > noise_m
+    return found
 
 
 def levels_dbhz(observations: Observations) -> list[float]:
