@@ -9,6 +9,7 @@ from skyproof.gnss.time import GPS_EPOCH
 from skyproof.records import (
     ArrayPhases,
     Channels,
+    CodeQuadrature,
     Fix,
     FrontEndLevels,
     ImuSeries,
@@ -53,6 +54,7 @@ RECORDS = [
         dopplers_hz=np.zeros(1),
         value=list_numbers(K, 1, 3).astype(np.complex64),
     ),
+    CodeQuadrature(receiver="rx", signals=SIGNALS, elapsed_s=SECONDS, value_m=list_numbers(K)),
     ArrayPhases(
         receiver="rx",
         signals=SIGNALS,

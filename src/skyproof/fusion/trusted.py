@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from skyproof.arrays import Booleans, Integers
+from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.fusion.labels import LabelledSignal
 from skyproof.fusion.policy import POLICY
 from skyproof.navigation.fix import fix_and_geometry
 from skyproof.navigation.protection import add_protection
+from skyproof.navigation.reflections import estimate_reflection_sigma_m
 from skyproof.navigation.screen import empty_epochs, reject_misfits
 from skyproof.records import (
     OBSERVABLES,
@@ -59,6 +60,7 @@ def fix_of(
     ordinary: bool = False,
     integrity_risk: float | None = None,
     faults: Integers | None = None,
+    quadrature_m: Reals | None = None,
 ) -> Fix | None:
     """Compute the fix from all cells, in each epoch of one kind of signal of each time scale; None without any.
 
@@ -68,6 +70,9 @@ def fix_of(
         what the rest gives whether it fits or not.
     integrity_risk : if given, with protection levels that promise it, and no fix where none does: a satellite that no
         other one checks may put it anywhere. faults : (n_epochs,) of so many satellites at once; one if absent.
+
+    quadrature_m : (n_epochs, n_signals) what code discriminators show off the carriers, averaged as the ranges; their
+        reflections count in the sigmas (`navigation.reflections`).
 
     Two signals of one transmission with the same label leave it open which is meant: neither is used.
     """
@@ -81,6 +86,13 @@ def fix_of(
     if kept.size < POLICY.fix_signals:
         return None
     signals = tuple(observations.signals[k] for k in kept)
+    reflected_m = None
+    if quadrature_m is not None:
+        reflected_m = estimate_reflection_sigma_m(
+            np.where(usable, quadrature_m, np.nan),
+            observations.pseudorange_sigma_m,
+            own_share=POLICY.own_reflection_share,
+        )
     found, geometry = fix_and_geometry(
         apply_mask(observations, usable),
         navigation,
@@ -88,6 +100,7 @@ def fix_of(
         multipath_sigma_m=multipath_sigma_m,
         elevation_mask_deg=elevation_mask_deg,
         false_alarm_probability=POLICY.ordinary_alarm_probability if ordinary else None,
+        reflected_sigma_m=reflected_m,
     )
     kept_fix = reject_misfits(found, geometry, with_misfits=ordinary)
     if integrity_risk is None:

@@ -137,8 +137,12 @@ def fix_and_geometry(
     start_ecef_m: Reals | None = None,
     max_gdop: float = 50.0,
     false_alarm_probability: float | None = None,
+    reflected_sigma_m: Reals | None = None,
 ) -> tuple[Fix, FixGeometry]:
-    """Solve as `fix` does, and return the last linear problem too."""
+    """Solve as `fix` does, and return the last linear problem too.
+
+    reflected_sigma_m : (n_epochs, n_channels) of reflections beyond `multipath_sigma_m`; none if absent.
+    """
     channels = _select_channels(observations, observations.signals if signals is None else signals)
     settings = _Settings(
         multipath_sigma_m,
@@ -149,8 +153,11 @@ def fix_and_geometry(
         false_alarm_probability,
     )
     n = observations.gpst.size
+    noise_m = observations.pseudorange_sigma_m[:, channels.columns]
+    if reflected_sigma_m is not None:
+        noise_m = np.hypot(noise_m, reflected_sigma_m[:, channels.columns])
     blocks = [
-        _fix_block(observations, navigation, channels, slice(first, first + _BLOCK_EPOCHS), settings)
+        _fix_block(observations, navigation, channels, noise_m, slice(first, first + _BLOCK_EPOCHS), settings)
         for first in range(0, max(n, 1), _BLOCK_EPOCHS)
     ]
     state, offset_m, velocity, covariance, residual, status, design, sigma = (
@@ -200,6 +207,7 @@ def _fix_block(
     observations: Observations,
     navigation: NavigationData,
     channels: _Channels,
+    noise_m: Reals,
     rows: slice,
     settings: _Settings,
 ) -> tuple[Reals, ...]:
@@ -210,9 +218,8 @@ def _fix_block(
     """
     gpst, columns = observations.gpst[rows], channels.columns
     ranges = correct_ranges(channels.signals, gpst, observations.pseudorange_m[rows][:, columns], navigation)
-    thermal_m = observations.pseudorange_sigma_m[rows][:, columns]
     _, tow_s = week_and_tow(gpst)  # of the label: the ionosphere does not care for a second
-    solution, sigma_m = _solve_position(ranges, thermal_m, tow_s, navigation, channels, settings)
+    solution, sigma_m = _solve_position(ranges, noise_m[rows], tow_s, navigation, channels, settings)
     used = np.isfinite(sigma_m)
     satellite, unit, distance_m = compute_line_of_sight(ranges.satellite_ecef_m, solution.state_m[:, :3])
     velocity = _solve_velocity(

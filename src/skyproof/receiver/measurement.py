@@ -31,7 +31,8 @@ DOPPLER_SIGMA_HZ = 7
 SLIP = 8  # 1 if the carrier slipped, or may have, since the last row that was given out
 JUMP = 9  # largest step of the carrier's phase beside the loop's, over its sigma
 TURNED = 10  # 1 if the carrier is nearer to half a cycle off the loop's: data bits have the other sign on it
-N_COLUMNS = 11
+QUADRATURE_S = 11  # as the code beside the replica, of the part a quarter of a cycle off the carrier
+N_COLUMNS = 12
 
 # Columns of what an antenna of several measures beside their sum, of which the columns above tell (float64).
 OWN_CODE_S = 0  # to be added to FRACTION_S
@@ -285,7 +286,7 @@ def _measure_channel(
         along += turn.real
         seen = sums[g] * turn if synchronised else prompt[r] * turn
         wipe[r] = turn if seen.real >= 0.0 else -turn
-    code_chips, difference, level = 0.0, 0.0, 0.0
+    code_chips = 0.0
     code_s = 0.0
     for r in range(n):
         for tap in range(taps.shape[0]):
@@ -295,11 +296,11 @@ def _measure_channel(
         carrier_ahead_s = (phase - rows[r, k.OUT_PHASE] - if_hz * ahead_s) / carrier_hz
         code_chips += (rows[r, k.OUT_CHIP] - rows[r, k.OUT_SHIFT]) / n
         code_s += ((rows[r, k.OUT_PERIOD] - rows[at_epoch, k.OUT_PERIOD]) * period_s + ahead_s + carrier_ahead_s) / n
-    difference = (taps[0] - taps[2]).real
+    difference = taps[0] - taps[2]
     level = taps[1].real
     if not level > 0.0:
         return
-    code_chips += difference / level / code_gain
+    code_chips += difference.real / level / code_gain
 
     cn0_hz = max(_carrier_to_noise_hz(prompt, wipe, group, synchronised, period_s), LEAST_CN0_HZ)
     period_variance = _period_variance(cn0_hz, coherent_s, period_s)
@@ -320,6 +321,7 @@ def _measure_channel(
     weakest = _period_variance(max(weakest_hz, LEAST_CN0_HZ), coherent_s, period_s)
     result[JUMP] = jump * math.sqrt(expected / weakest)
     result[TURNED] = 1.0 if along < 0.0 else 0.0
+    result[QUADRATURE_S] = difference.imag / level / code_gain / chip_rate_hz
 
 
 @compiled

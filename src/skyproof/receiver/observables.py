@@ -19,7 +19,17 @@ from skyproof.receiver.grids import GridCorrelator, Grids
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.polarity import resolve_half_cycles
 from skyproof.receiver.replica import CODE_SCALE
-from skyproof.records import AntennaArray, ArrayPhases, Ccaf, CellStatus, ObservationLog, Observations, SignalId, Taps
+from skyproof.records import (
+    AntennaArray,
+    ArrayPhases,
+    Ccaf,
+    CellStatus,
+    CodeQuadrature,
+    ObservationLog,
+    Observations,
+    SignalId,
+    Taps,
+)
 
 TYPICAL_TRAVEL_MS = 77
 WEEK_MS = SECONDS_PER_WEEK * 1000
@@ -215,6 +225,16 @@ def assemble_taps(
         dopplers_hz=dopplers_hz,
         value=value.reshape(-1, len(signals), *grid),
     )
+
+
+def assemble_quadrature(
+    receiver: str, measurements: Measurements, arcs: Mapping[int, Arc], elapsed_s: Reals, *, averaged_s: float
+) -> CodeQuadrature:
+    """Assemble what code discriminators show off their carriers as one record: rows and columns as in `assemble`."""
+    rows, columns, signals = _cells(measurements, arcs, elapsed_s, averaged_s)
+    value_m = np.full((elapsed_s.size, len(signals)), np.nan)
+    value_m[rows, columns] = SPEED_OF_LIGHT_M_S * measurements.table[:, m.QUADRATURE_S]
+    return CodeQuadrature(receiver=receiver, signals=signals, elapsed_s=elapsed_s, value_m=value_m)
 
 
 def assemble_grids(

@@ -16,7 +16,7 @@ from skyproof.fusion.decide import WindowWord
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource, LabelledSignal
 from skyproof.fusion.timeline import Onset
-from skyproof.records import Fix, FixStatus, SignalRef
+from skyproof.records import CodeQuadrature, Fix, FixStatus, SignalRef
 from skyproof.testing import FalseSky, MeasuredScene
 
 SCENE = MeasuredScene(
@@ -192,3 +192,21 @@ def test_what_may_be_hidden_grows_from_the_last_evidence_on():
     # Smoothed over 10 s to either side.
     assert hidden_m[[0, 10, 19, 25]] == pytest.approx([12.0, 17.0, 26.0, 0.0])
     assert hidden_m[[30, 50, 80]] == pytest.approx([12.5, 28.0, 43.0])
+
+
+def test_reflections_that_discriminators_show_widen_a_trusted_fix_alone():
+    def sigma_m(off_m, kind):
+        shown = CodeQuadrature(
+            receiver="rx1",
+            signals=WHOLE.signals,
+            elapsed_s=WHOLE.elapsed_s,
+            value_m=np.full(WHOLE.pseudorange_m.shape, off_m),
+        )
+        found = replace(read_positions(WHOLE), quadrature=shown).whole(kind)
+        return np.sqrt(np.nanmedian(np.trace(found.covariance_m2[:, :3, :3], axis1=1, axis2=2)))
+
+    without = read_positions(WHOLE).whole("trusted")
+    plain_m = np.sqrt(np.nanmedian(np.trace(without.covariance_m2[:, :3, :3], axis1=1, axis2=2)))
+    assert sigma_m(0.0, "trusted") == pytest.approx(plain_m, rel=1e-9)
+    assert sigma_m(6.0, "trusted") > 3.0 * plain_m
+    assert sigma_m(6.0, "unprotected") == pytest.approx(sigma_m(0.0, "unprotected"), rel=1e-9)

@@ -81,7 +81,8 @@ def make_turning(
     fields = ("pseudorange_m", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc", "doppler_sigma_hz")
     cells = {name: getattr(o, name)[:, kept] for name in (*fields, "status", "half_cycle_open")}
     single = {name: getattr(o, name)[kept] for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")}
-    cells["cn0_dbhz"] = cells["cn0_dbhz"] + np.where((kept >= n) | (moved_rad is not None) & (kept == 0), 3.0, 0.0)
+    # Stronger than the sum of a direct signal and its reflection, which may be 6 dB over the strongest of the others.
+    cells["cn0_dbhz"] = cells["cn0_dbhz"] + np.where((kept >= n) | (moved_rad is not None) & (kept == 0), 7.0, 0.0)
     part = replace(o, signals=tuple(o.signals[k] for k in kept), carrier_cyc=carrier[:, kept], **cells, **single)
     return replace(records, observations=(part,), sets=records.sets[:1])
 

@@ -15,13 +15,23 @@ from skyproof.fusion.fuse import Decision
 from skyproof.fusion.policy import POLICY
 from skyproof.fusion.trusted import apply_mask, carries, fix_of, mask_signals
 from skyproof.fusion.unprotected import followed
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.nav_estimate import NavEstimate
 from skyproof.navigation.predictor import Predictor
 from skyproof.navigation.screen import empty_epochs
 from skyproof.navigation.smooth import smooth
-from skyproof.records import Fix, FixStatus, NavigationData, ObservationLog, SignalId
+from skyproof.records import (
+    CodeQuadrature,
+    Fix,
+    FixStatus,
+    NavigationData,
+    ObservationLog,
+    Observations,
+    SignalId,
+    TimeSliced,
+)
 from skyproof.verdict import USABLE, Place
 
 __all__ = [
@@ -75,6 +85,7 @@ class Positions:
     overlapping: tuple[NavEstimate, ...] = ()
     hidden: HiddenDrag | None = None
     consistent: Callable[[], Consistent] | None = None
+    quadrature: TimeSliced[CodeQuadrature] | None = None
 
     def cut(self) -> Iterator[slice]:
         """Yield the epochs of the run in stretches."""
@@ -115,17 +126,33 @@ class Positions:
         elapsed_s, reach_s = self.log.elapsed_s, 0.5 * self.settings.smoothing_s * (1.0 + 1e-6)
         rim_s = [elapsed_s[first] - reach_s, elapsed_s[stop - 1] + reach_s]
         begin, end = (int(row) for row in np.searchsorted(elapsed_s, rim_s))
-        smoothed = smooth(apply_mask(self.log.read(begin, end), mask[begin:end]), window_s=self.settings.smoothing_s)
+        kept = apply_mask(self.log.read(begin, end), mask[begin:end])
+        rows = slice(first - begin, stop - begin)
         faults = self.consistent().faults[first:stop] if kind == "consistent" and self.consistent is not None else None
         return fix_of(
-            smoothed.read(first - begin, stop - begin),
+            smooth(kept, window_s=self.settings.smoothing_s).select(rows),
             self.orbits,
             multipath_sigma_m=self.settings.multipath_sigma_m,
             elevation_mask_deg=self.settings.elevation_mask_deg,
             ordinary=kind == "unprotected",
             integrity_risk=self.settings.integrity_risk if kind in ("trusted", "consistent") else None,
             faults=faults,
+            quadrature_m=None if kind == "unprotected" else self._smooth_quadrature(kept, rows),
         )
+
+    def _smooth_quadrature(self, kept: Observations, rows: slice) -> Reals | None:
+        """Average what the code discriminators show off the carriers as the codes of these epochs are averaged."""
+        if self.quadrature is None:
+            return None
+        elapsed_s = kept.elapsed_s
+        found = self.quadrature.select_between(float(elapsed_s[0]) - 1e-6, float(elapsed_s[-1]) + 1e-6)
+        value_m = np.full(kept.pseudorange_m.shape, np.nan)
+        at = np.searchsorted(elapsed_s, found.elapsed_s - 1e-6)
+        columns = np.array([kept.column_of[signal] for signal in found.signals], np.intp)
+        value_m[np.ix_(at, columns)] = found.value_m
+        carrier_m = kept.carrier_cyc * SPEED_OF_LIGHT_M_S / kept.carrier_hz
+        beside = replace(kept, pseudorange_m=carrier_m + value_m)
+        return (smooth(beside, window_s=self.settings.smoothing_s).pseudorange_m - carrier_m)[rows]
 
     def _is_trusted(self, mask: Booleans, first: int, stop: int) -> Booleans:
         """(stop - first,) at which epochs there is a trusted fix."""
@@ -236,6 +263,7 @@ def set_up_positions(
     overlapping: tuple[NavEstimate, ...] = (),
     hidden: HiddenDrag | None = None,
     rest: Rest | None = None,
+    quadrature: TimeSliced[CodeQuadrature] | None = None,
 ) -> Positions:
     """Set up a receiver's positions of each kind.
 
@@ -272,6 +300,7 @@ def set_up_positions(
         overlapping=overlapping,
         hidden=hidden,
         consistent=select,
+        quadrature=quadrature,
     )
 
 
