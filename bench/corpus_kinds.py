@@ -212,7 +212,7 @@ def _missing(number: str) -> Row:
 def _array(rest: str) -> Row:
     number, _, attack = rest.partition("-")
     drawn = arrays.drawn(int(number), attack=bool(attack))
-    evidence, labels = arrays.judged(drawn)
+    evidence, labels, _ = arrays.judged(drawn)
     signals = drawn.records.observations[0].signals
     return _of_evidence(evidence, labels, dict(zip(signals, drawn.false, strict=True)))
 
