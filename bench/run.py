@@ -26,6 +26,7 @@ import many_receivers
 import memory
 import metadata
 import methods
+import nulls
 import overlaps
 import pairs
 import position
@@ -36,7 +37,6 @@ import real_code
 import rinex
 import sets
 import snapshots
-import spatial
 import sqm_roc
 import startup
 import vector
@@ -86,7 +86,7 @@ BENCHES = {
     "antennas": antennas,
     "arms": arms,
     "snapshots": snapshots,
-    "spatial": spatial,
+    "nulls": nulls,
     "array-snapshots": array_snapshots,
     "real-code": real_code,
     "memory": memory,

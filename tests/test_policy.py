@@ -77,6 +77,7 @@ COMPUTING = {
         "PROFILE_REACH_CHIPS",
         "SERIES_POINTS",
     },
+    "app/protect/behind_null": {"_LOOK_S"},
     "app/protect/positions": {"STRETCH_EPOCHS"},
     "app/protect/preview": {"_FIRST_WINDOWS"},
     "app/protect/summary": {"MOST_NOTED"},

@@ -29,6 +29,7 @@ __all__ = [
     "Label",
     "Method",
     "NoticedSize",
+    "NullResult",
     "OwnFix",
     "OwnState",
     "Place",
@@ -154,6 +155,22 @@ class OwnFix(_Model):
     most_from_trusted_gpst: Gpst | None = Field(description="When that was, GPS time.")
 
 
+class NullResult(_Model):
+    """What an antenna array receives once sources that stand above its noise are taken out of its samples."""
+
+    source_to_noise_db: float = Field(
+        description="Power of the sources over the noise of one antenna, dB, median of the time without positions; "
+        "what coarse samples make of a source counts as noise."
+    )
+    from_gpst: Gpst | None = Field(description="First position found behind the null, GPS time; null without any.")
+    to_gpst: Gpst | None = Field(description="Last position found behind the null, GPS time; null without any.")
+    seconds: Sigma = Field(description="How long positions are those found behind the null, seconds.")
+    cn0_cost_db: float | None = Field(
+        description="How much lower C/N0 is behind the null than without a source, dB, median of the signals; null "
+        "where no signal shows both."
+    )
+
+
 class ReceiverResult(_Model):
     """One receiver: what it recorded, and the positions that its signals give, each the last one of its kind."""
 
@@ -175,6 +192,11 @@ class ReceiverResult(_Model):
     )
     held_fix: Position | None = Field(
         default=None, description="The last of those, of a receiver stated to stand, where satellites give none."
+    )
+    behind_null: NullResult | None = Field(
+        default=None,
+        description="Consistent fixes of an antenna array behind a null, where a source leaves none; they change no "
+        "word and no label. Null where no source costs positions.",
     )
     false_fix: Position | None = Field(description="Position by the false signals; null without any.")
     unprotected_fix: Position | None = Field(description="Position of a receiver without protection.")

@@ -224,7 +224,7 @@ def usable_fixes(positions: Positions) -> Iterator[tuple[UsableKind, Fix]]:
             hidden=positions.hidden,
             integrity_risk=positions.settings.integrity_risk,
         )
-    doubtful = None if flown is None or positions.consistent is None else positions.consistent().doubtful
+    doubtful = None if flown is None else _find_doubtful_epochs(positions)
     for rows, found in _walk_stretches(positions):
         yield from found.items()
         fix = join_fixes(tuple(found.values()))
@@ -237,6 +237,15 @@ def usable_fixes(positions: Positions) -> Iterator[tuple[UsableKind, Fix]]:
             between, last = step(last, log.receiver, log.gpst[rows], fix)
             if between is not None:
                 yield "held", between
+
+
+def _find_doubtful_epochs(positions: Positions) -> Booleans | None:
+    """Find the epochs, (n_epochs,), whose consistent fixes may be false already; None where nothing says."""
+    doubtful = None if positions.consistent is None else positions.consistent().doubtful
+    behind = None if positions.behind_null is None else positions.behind_null.positions
+    if doubtful is None or positions.behind_null is None or behind is None or behind.consistent is None:
+        return doubtful
+    return np.where(positions.behind_null.epochs, behind.consistent().doubtful, doubtful)
 
 
 def _is_fixed(fix: Fix | None, rows: slice) -> Booleans:

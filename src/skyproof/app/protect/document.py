@@ -32,6 +32,7 @@ from skyproof.verdict import (
     DoubtfulStatement,
     InterferenceResult,
     InterferenceSpell,
+    NullResult,
     Position,
     ReceiverResult,
     Signal,
@@ -139,6 +140,8 @@ def _list_assumptions(outcome: Outcome) -> str | None:
         n = outcome.rest.faults
         one = "one satellite" if n == 1 else f"{n} satellites"
         assumed[f"of the signals that are not named as false, those of {one} at most are false as well"] = None
+    if any(r.has_fixes_behind_null for r in outcome.receivers):
+        assumed["what is received behind a null comes from the sky, not from a further transmitter"] = None
     if not assumed:
         return None
     sentence = f"Assumed: {'; '.join(assumed)}."
@@ -216,8 +219,25 @@ def _receiver(r: ReceiverOutcome, windows: Sequence[WindowResult]) -> ReceiverRe
         start_gpst=None if start is None else format_iso(start, DIGITS),
         duration_s=r.reception.examined_s,
         **{f"{kind}_fix": _position(r.tracks.get(kind)) for kind in KINDS},
+        behind_null=_describe_null(r),
         own_fix=compare_receiver_fix(receiver_words.fixes, r.tracks.get("trusted")),
         own_states=list_receiver_states(receiver_words.states),
+    )
+
+
+def _describe_null(r: ReceiverOutcome) -> NullResult | None:
+    """Describe what was found behind a null."""
+    if r.positions is None or (behind := r.positions.behind_null) is None:
+        return None
+    track = None if behind.positions is None else behind.positions.track("consistent")
+    fixed = np.flatnonzero(behind.epochs)
+    gpst = [format_iso(track.gpst[row], DIGITS) for row in fixed[[0, -1]]] if track is not None and fixed.size else None
+    return NullResult(
+        source_to_noise_db=10.0 * float(np.log10(behind.source_to_noise)),
+        from_gpst=None if gpst is None else gpst[0],
+        to_gpst=None if gpst is None else gpst[1],
+        seconds=behind.seconds,
+        cn0_cost_db=behind.cost_db,
     )
 
 

@@ -13,7 +13,7 @@ from skyproof.app.common.windows import instantiate_detectors, windows_of
 from skyproof.app.protect.coasting import carry_track
 from skyproof.app.protect.hidden import bound_drags
 from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
-from skyproof.app.protect.positions import KINDS, Track, set_up_positions
+from skyproof.app.protect.positions import KINDS, Positions, Track, set_up_positions
 from skyproof.app.protect.predictors import build_predictors, list_surveyed
 from skyproof.app.protect.rest import judge_rest
 from skyproof.app.protect.so_far import WordsSoFar
@@ -25,7 +25,7 @@ from skyproof.fusion.fuse import Decision, fuse
 from skyproof.navigation.predictor import Predictor
 from skyproof.records import FrontEndLevels, NavigationData, ReceivedMessages, ReceiverFixes, SpinArm
 
-__all__ = ["begin_session", "choose_orbits", "judge"]
+__all__ = ["begin_session", "choose_orbits", "find_tracks", "judge"]
 
 
 def judge(
@@ -163,17 +163,18 @@ def _make_receiver_outcome(
     if o is None or not orbits.ephemerides:
         return ReceiverOutcome(reception=reception)
     positions = set_up_positions(o, decision, orbits, settings, **of_receiver)
+    return ReceiverOutcome(reception=reception, positions=positions, tracks=find_tracks(positions))
+
+
+def find_tracks(positions: Positions) -> dict[str, Track]:
+    """Find the tracks of all kinds of positions that have a fix, in the order of `KINDS`."""
     tracks: dict[str, Track | None] = {kind: positions.track(kind) for kind in positions.masks}
     if (carried := carry_track(positions)) is not None:
         tracks |= [carried]
     give_back()
     order = [kind for kind in KINDS if kind in tracks]
     found = {kind: tracks[kind] for kind in dict.fromkeys([*order, *tracks])}
-    return ReceiverOutcome(
-        reception=reception,
-        positions=positions,
-        tracks={kind: track for kind, track in found.items() if track is not None},
-    )
+    return {kind: track for kind, track in found.items() if track is not None}
 
 
 def _merge_navigation(decoded: Sequence[NavigationData]) -> NavigationData:

@@ -3,11 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final
+from typing import Final, get_args
+
+import numpy as np
 
 from skyproof.app.protect.bearings import Bearing, find_bearings
-from skyproof.app.protect.positions import KINDS, Positions, Track
+from skyproof.app.protect.positions import KINDS, Positions, SatelliteKind, Track
 from skyproof.app.receive.reception import Reception
+from skyproof.arrays import Booleans
 from skyproof.detectors.prediction.choice import Compared
 from skyproof.fusion.consistent import Rest
 from skyproof.fusion.fuse import Decision
@@ -75,12 +78,28 @@ class ReceiverOutcome(ShortRepr):
         return next((self.tracks[kind] for kind in USABLE if kind in self.tracks), None)
 
     @property
+    def fixed_by_satellites(self) -> Booleans:
+        """Return at which epochs (n_epochs,) there is a trusted or a consistent fix."""
+        assert self.positions is not None
+        found = np.zeros(self.positions.log.gpst.size, np.bool_)
+        for kind in get_args(SatelliteKind):
+            found |= self.tracks[kind].fixed if kind in self.tracks else False
+        return found
+
+    @property
     def has_rest_fixes(self) -> bool:
         """Tell whether there are fixes of the signals beside named false ones."""
         track = self.tracks.get("consistent")
         if track is None or self.positions is None or self.positions.consistent is None:
             return False
-        return bool((track.fixed & self.positions.consistent().of_rest).any())
+        behind = False if self.positions.behind_null is None else self.positions.behind_null.epochs
+        return bool((track.fixed & self.positions.consistent().of_rest & ~np.asarray(behind)).any())
+
+    @property
+    def has_fixes_behind_null(self) -> bool:
+        """Tell whether there are fixes of an array behind a null."""
+        behind = None if self.positions is None else self.positions.behind_null
+        return behind is not None and bool(behind.epochs.any())
 
     @cached_property
     def trusted(self) -> Fix | None:

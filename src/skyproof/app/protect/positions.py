@@ -1,6 +1,6 @@
 """A receiver's positions of each kind, computed stretch by stretch, so that memory does not grow with the run."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final, Literal
@@ -71,11 +71,29 @@ class Track:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class BehindNull:
+    """What samples give that sources were taken out of, judged alone.
+
+    positions : at the epochs of the samples as recorded; None if they give none. epochs : (n_epochs,) at which these
+    stand for fixes that the samples as recorded do not give. seconds : how long these are. source_to_noise : power of
+    the sources over one antenna's noise, median. cost_db : by how much C/N0 is lower than without a source; None where
+    that does not show.
+    """
+
+    positions: "Positions | None"
+    epochs: Booleans
+    seconds: float
+    source_to_noise: float
+    cost_db: float | None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Positions:
     """masks : by kind, which cells (n_epochs, n_channels) of the log its fixes are made of. predictor : what is to be
     expected of the receiver, before anything was learned. overlapping : fixes of a true sky that was taken apart from a
     false one, in order. hidden : how far an attack may have moved it unnoticed; None where no test says. consistent :
-    what consistent fixes are made of; doubtful ones correct no inertial unit."""
+    what consistent fixes are made of; doubtful ones correct no inertial unit. behind_null : further ones behind a
+    null."""
 
     log: ObservationLog
     orbits: NavigationData
@@ -86,6 +104,7 @@ class Positions:
     hidden: HiddenDrag | None = None
     consistent: Callable[[], Consistent] | None = None
     quadrature: TimeSliced[CodeQuadrature] | None = None
+    behind_null: BehindNull | None = None
 
     def cut(self) -> Iterator[slice]:
         """Yield the epochs of the run in stretches."""
@@ -96,8 +115,23 @@ class Positions:
         """Yield the fixes of a kind in stretches, each with its first epoch; empty ones are left out.
 
         Signals are chosen before they are smoothed, so what a channel followed while it was captured does not leak
-        into its other fixes. Epochs with a trusted fix have no consistent one.
+        into its other fixes. Epochs with a trusted fix have no consistent one. Those behind a null are among them.
         """
+        if kind != "consistent" or self.behind_null is None or self.behind_null.positions is None:
+            yield from self._stretches(kind)
+            return
+        parts, behind = dict(self._stretches(kind)), dict(self.behind_null.positions.stretches(kind))
+        for rows in self.cut():
+            epochs = self.behind_null.epochs[rows]
+            found, other = parts.get(rows.start), behind.get(rows.start)
+            if other is not None and epochs.any():
+                both = [(np.flatnonzero(at), fix.select(at)) for at, fix in ((~epochs, found), (epochs, other)) if fix]
+                found = _join_rows(both, self.log.gpst[rows])
+            if found is not None:
+                yield rows.start, found
+
+    def _stretches(self, kind: str) -> Iterator[tuple[int, Fix]]:
+        """Yield the fixes of samples as they were recorded."""
         if (kept := self._kept.get(kind)) is not None:
             yield kept
             return
@@ -210,31 +244,36 @@ class Positions:
         parts = list(self.stretches(kind)) if kind in self.masks else []
         if not parts:
             return None
-        n, signals = self.log.gpst.size, tuple(sorted({signal for _, fix in parts for signal in fix.signals}))
-        scales = sorted({scale for _, fix in parts for scale in fix.inter_system_s})
-        shapes: dict[str, tuple[int, ...]] = {
-            "position_ecef_m": (3,),
-            "velocity_ecef_m_s": (3,),
-            "clock_bias_s": (),
-            "clock_drift": (),
-            "covariance_m2": (4, 4),
-            "residual_m": (len(signals),),
-            "protection_m": (2,),
-            "hidden_m": (),
-        }
-        values: dict[str, Any] = {name: np.full((n, *shape), np.nan) for name, shape in shapes.items()}
-        values["gpst"] = self.log.gpst.copy()
-        values["status"] = np.full(n, FixStatus.TOO_FEW, np.uint8)
-        offsets = {scale: np.full(n, np.nan) for scale in scales}
-        for first, fix in parts:
-            rows = slice(first, first + fix.gpst.size)
-            for name in (*shapes, "gpst", "status"):
-                if name != "residual_m":
-                    values[name][rows] = getattr(fix, name)
-            values["residual_m"][rows, [signals.index(signal) for signal in fix.signals]] = fix.residual_m
-            for scale, offset_s in fix.inter_system_s.items():
-                offsets[scale][rows] = offset_s
-        return Fix(receiver=self.log.receiver, signals=signals, inter_system_s=offsets, **values)
+        return _join_rows([(np.arange(first, first + fix.gpst.size), fix) for first, fix in parts], self.log.gpst)
+
+
+def _join_rows(parts: Sequence[tuple[Indices, Fix]], gpst: Instants) -> Fix:
+    """Join fixes, each with its epochs, into one record of all epochs (n_epochs,), empty where no part has one."""
+    signals = tuple(sorted({signal for _, fix in parts for signal in fix.signals}))
+    scales = sorted({scale for _, fix in parts for scale in fix.inter_system_s})
+    shapes: dict[str, tuple[int, ...]] = {
+        "position_ecef_m": (3,),
+        "velocity_ecef_m_s": (3,),
+        "clock_bias_s": (),
+        "clock_drift": (),
+        "covariance_m2": (4, 4),
+        "residual_m": (len(signals),),
+        "protection_m": (2,),
+        "hidden_m": (),
+    }
+    values: dict[str, Any] = {name: np.full((gpst.size, *shape), np.nan) for name, shape in shapes.items()}
+    values["gpst"] = gpst.copy()
+    values["status"] = np.full(gpst.size, FixStatus.TOO_FEW, np.uint8)
+    offsets = {scale: np.full(gpst.size, np.nan) for scale in scales}
+    for rows, fix in parts:
+        for name in (*shapes, "gpst", "status"):
+            if name != "residual_m":
+                values[name][rows] = getattr(fix, name)
+        columns = np.array([signals.index(signal) for signal in fix.signals], np.intp)
+        values["residual_m"][np.ix_(rows, columns)] = fix.residual_m
+        for scale, offset_s in fix.inter_system_s.items():
+            offsets[scale][rows] = offset_s
+    return Fix(receiver=parts[0][1].receiver, signals=signals, inter_system_s=offsets, **values)
 
 
 def _find_run_ends(mask: Booleans) -> Indices:

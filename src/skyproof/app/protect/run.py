@@ -25,6 +25,7 @@ from skyproof.app.common.platform_use import derive_settings, match_tables, sele
 from skyproof.app.common.progress import Progress, Silent, Stage
 from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.common.windows import asked
+from skyproof.app.protect.behind_null import recover_behind_nulls
 from skyproof.app.protect.document import document
 from skyproof.app.protect.explanation import why_untested
 from skyproof.app.protect.judging import judge
@@ -185,6 +186,7 @@ def _run(given: _Given, out: Path | None, progress: Progress) -> tuple[ProtectRe
             receptions, navigation, settings, progress, ready.spin_arms, body, ready.predictors, so_far
         )
         interrupted |= cut_short
+        outcome = recover_behind_nulls(outcome, sources, navigation, settings, progress, ready.predictors)
         if (untested := why_untested(outcome)) is not None:
             if interrupted:
                 raise KeyboardInterrupt(f"interrupted before any test could run, and nothing was written: {untested}")

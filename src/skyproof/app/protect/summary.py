@@ -4,6 +4,8 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from skyproof.app.protect.explanation import WordReason, describe_unexplained
 from skyproof.app.protect.outcome import Outcome
 from skyproof.app.protect.positions import sigmas_enu_m
@@ -20,7 +22,7 @@ __all__ = ["summarize"]
 
 def summarize(outcome: Outcome, why: WordReason) -> str:
     """Return what a run comes to, why the word is no stronger, and what stands beside it."""
-    words = _summary(outcome, why) + _describe_beside(outcome) + _describe_left_out(outcome)
+    words = _summary(outcome, why) + _describe_nulls(outcome) + _describe_beside(outcome) + _describe_left_out(outcome)
     return words[:1].upper() + words[1:]
 
 
@@ -88,6 +90,25 @@ def _describe_missing_fixes(outcome: Outcome) -> str:
         f" For {seconds} s {' and '.join(receivers)} received too few signals for a position."
         for seconds, receivers in together.items()
     )
+
+
+def _describe_nulls(outcome: Outcome) -> str:
+    """State what arrays receive behind a null."""
+    words = ""
+    for r in outcome.receivers:
+        behind = None if r.positions is None else r.positions.behind_null
+        if behind is None:
+            continue
+        name, source_db = r.reception.source.name, 10.0 * np.log10(behind.source_to_noise)
+        words += f" A source {source_db:.0f} dB above the noise of an antenna was taken out of the samples of {name}"
+        if not r.has_fixes_behind_null:
+            words += ", but behind this null no position is found either."
+            continue
+        cost = "" if behind.cost_db is None else f"; C/N0 is {behind.cost_db:.1f} dB lower there than without a source"
+        words += (
+            f": behind this null a consistent position lasts for {behind.seconds:.0f} s, which no test rejects{cost}."
+        )
+    return words
 
 
 def _describe_times_alone(outcome: Outcome) -> str:

@@ -83,6 +83,12 @@ class ReceivePolicy:
     out_s: float = number(
         1.0, "s", "A loop settles within a second: only then a channel that went off may drive again."
     )
+    most_sky_hz: float = number(
+        2e6,
+        "Hz",
+        "Sixteen satellites at the most power, -153 dBW, over noise of 290 K, -204 dBW/Hz: 51 dB-Hz each.",
+        "IS-GPS-200N, 6.3.1",
+    )
     sure_m: float = number(75.0, "m", "A quarter of a chip: a prediction that leads a loop to its signal.")
     sure_m_s: float = number(10.0, "m/s", "A carrier of 50 Hz: a prediction that leads a loop to its signal.")
 
