@@ -3,6 +3,7 @@
     python bench/arrays.py --attacks 300 --clean 600     counts; --first 300 goes on elsewhere
     python bench/arrays.py --only 17                     all that is said of one scene
     python bench/arrays.py --few 100                     one or two signals that move nothing: false, or by echoes only
+    python bench/arrays.py --one 60                      two to four of one transmitter, or by echoes off walls only
 
 Each scene is one window of 10 s, judged by `ins_array`, `array_common` and `residual` and fused as `protect` does. A
 wrong word is a true signal called spoofed or a false one called authentic. A direction's error is that of the nearest
@@ -21,12 +22,16 @@ from scipy.spatial.transform import Rotation
 from skyproof.arrays import Reals
 from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettings
 from skyproof.detectors.array.array_model import predict_directions
-from skyproof.detectors.array.ins_array import InsArray, InsArraySettings
+from skyproof.detectors.array.ins_array import InsArray, InsArraySettings, build_level_states
+from skyproof.detectors.array.policy import POLICY as ARRAY_POLICY
 from skyproof.detectors.residual import Residual, ResidualSettings
 from skyproof.explain import explain, stands_beside
 from skyproof.fusion.fuse import fuse
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic, rot_enu_ecef
+from skyproof.gnss.orbits import compute_satellite_state_s
+from skyproof.gnss.sky import compute_azimuth_elevation
+from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.sets import find_consistent_sets
 from skyproof.records import ArrayPhases, Evidence, NavState, Observations, Records
 from skyproof.statistics.directions import direction_cosines
@@ -41,6 +46,7 @@ NOWHERE_M = (0.0, 0.0, 0.0)
 ECHO_DELAY = (2.81, 80.93)
 """Shape and scale, metres, of the gamma law of an echo's delay at 30 to 45 degrees: Chen, He, Pei, Satellite Navigation
 1:26, 2020, table 1."""
+KINDS = ("replaced", "doubled", "below")
 LOST_DB = 10.0  # by which a false signal drowns the true one of its satellite
 
 
@@ -122,6 +128,95 @@ def drawn(number: int, *, attack: bool, reflections_cyc: float = 0.0, few: bool 
         weaker_db = np.where(elsewhere, rng.uniform(1.0, 12.0, elsewhere.size), 0.0)
         o = replace(o, pseudorange_m=o.pseudorange_m + late_m, cn0_dbhz=o.cn0_dbhz - weaker_db)
     phases, state = _phases(rng, scene, o, place, directions, words, reflections_cyc)
+    records = replace(
+        records,
+        observations=(o,),
+        sets=tuple(find_consistent_sets(o, records.navigation)),
+        array_phases=(phases,),
+        nav_state={phases.receiver: state},
+    )
+    return Drawn(number, records, false, place, directions, words)
+
+
+def drawn_one(number: int, *, attack: bool) -> Drawn:
+    """One scene with a place that is known to 5 m: two to four false signals of one transmitter, or as many echoes.
+
+    False signals move nothing: each is instead of its true one, beside it, or of a satellite below the horizon. Echoes
+    come off one or two walls, of satellites that are seen by them only.
+    """
+    rng = np.random.default_rng([number, attack, 46])
+    words: dict[str, Any] = {
+        "antennas": int(rng.choice([3, 4, 7])),
+        "side": float(rng.uniform(0.5, 2.0)),
+        "flat": bool(rng.random() < 0.5),
+        "attitude_deg": rng.choice([0.5, 1.0, 2.0, 5.0, np.inf]),
+        "lines": bool(rng.random() < 0.5),
+        "kinds": tuple(str(kind) for kind in rng.permutation([*KINDS, rng.choice(KINDS)])[: rng.integers(2, 5)]),
+        "power_db": float(rng.uniform(-3.0, 6.0)),
+    }
+    scene = MeasuredScene(
+        antennas_enu_m={"rx1": NOWHERE_M},
+        false=(FalseSky(antenna_enu_m=NOWHERE_M, shows_enu_m=NOWHERE_M, delay_m=0.0),),
+        epochs=EPOCHS,
+        step_s=STEP_S,
+        errors=TrackErrors(1.0, 0.9, 0.7),
+        place_deg=(rng.uniform(-65.0, 65.0), rng.uniform(-180.0, 180.0), 50.0),
+        mask_deg=-80.0,
+    )
+    records = scene.records(rng)
+    (o,) = records.observations
+    lat, lon = np.radians(scene.place_deg[:2])
+    place_m = ecef_from_geodetic(lat, lon, scene.place_deg[2])
+    week, tow_s = week_and_tow(scene.start_gpst)
+    seen = {
+        orbit.sat: compute_azimuth_elevation(place_m, compute_satellite_state_s(orbit, week, tow_s).position_ecef_m)
+        for orbit in scene.navigation.ephemerides
+    }
+    high = sorted(seen, key=lambda sat: -float(seen[sat][1]))[: int(rng.integers(7, 13))]
+    high = [sat for sat in high if np.degrees(seen[sat][1]) >= 8.0]
+    low = [sat for sat, (_, elevation) in seen.items() if np.degrees(elevation) < -15.0]
+    some = iter(rng.permutation(high))
+    below = iter(rng.permutation(low))
+    changed = {str(next(below if kind == "below" else some)): kind for kind in words["kinds"]}
+    if not attack:
+        changed = {str(sat): "replaced" for sat in rng.permutation(high)[: len(changed)]}
+    keeps = [
+        (s.copy == "b" and s.sat in changed and attack)
+        or (s.copy == "a" and s.sat in high and (changed.get(s.sat) != "replaced" or not attack))
+        for s in o.signals
+    ]
+    o = _columns(o, np.array(keeps))
+    false = np.array([s.copy == "b" for s in o.signals])
+    beside = np.array([f and changed[s.sat] == "doubled" for f, s in zip(false, o.signals, strict=True)])
+    late_m = np.where(beside, rng.choice([-1.0, 1.0]) * rng.uniform(500.0, 1500.0), 0.0)
+    o = replace(
+        o, pseudorange_m=o.pseudorange_m + late_m, cn0_dbhz=o.cn0_dbhz + np.where(false, words["power_db"], 0.0)
+    )
+    directions = direction_cosines(rng.uniform(0.0, 2.0 * np.pi, 1), np.radians(rng.uniform(0.0, 40.0, 1)))[
+        :, [1, 0, 2]
+    ]
+    place = np.where(false, 0, -1)
+    if not attack:
+        walls = rng.uniform(0.0, 2.0 * np.pi, rng.integers(1, 3))
+        echoes, late_m, words["walls"] = [], np.zeros(len(o.signals)), np.degrees(walls).round().tolist()
+        for k, s in enumerate(o.signals):
+            if s.sat not in changed:
+                continue
+            wall = np.array([np.cos(w := rng.choice(walls)), np.sin(w), 0.0])
+            to = direction_cosines(*seen[s.sat])[[1, 0, 2]]
+            place[k], late_m[k] = len(echoes), 2.0 * rng.uniform(2.0, 150.0) * abs(to @ wall)
+            echoes.append(to - 2.0 * (to @ wall) * wall)
+        directions = np.array(echoes)
+        weaker_db = np.where(place >= 0, rng.uniform(1.0, 12.0, place.size), 0.0)
+        o = replace(o, pseudorange_m=o.pseudorange_m + late_m, cn0_dbhz=o.cn0_dbhz - weaker_db)
+    phases, state = _phases(rng, scene, o, place, directions, words, 0.0)
+    if state is None:
+        (state,) = build_level_states(records, [place_m], ARRAY_POLICY.free_attitude_sigma_rad)
+    assert state.covariance is not None
+    covariance = state.covariance.copy()
+    covariance[:, :3, :3], covariance[:, 3:6, 3:6] = 25.0 * np.eye(3), 1e-4 * np.eye(3)
+    off_m = 5.0 * rng.standard_normal(3)
+    state = replace(state, position_ecef_m=state.position_ecef_m + off_m, covariance=covariance)
     records = replace(
         records,
         observations=(o,),
@@ -243,17 +338,20 @@ def report() -> Iterator[str]:
     yield from table(attacks=20, clean=20)
 
 
-def table(*, attacks: int, clean: int, few: int = 0, first: int = 0) -> Iterator[str]:
+def table(*, attacks: int, clean: int, few: int = 0, one: int = 0, first: int = 0) -> Iterator[str]:
     """Counts of drawn scenes."""
-    kinds = (
+    kinds: tuple[tuple[str, int, dict[str, Any]], ...] = (
         ("attacks", attacks, {"attack": True}),
         ("clean", clean, {"attack": False}),
         ("clean, reflections of 0.02 cycle", clean, {"attack": False, "reflections_cyc": 0.02}),
         ("one or two false signals that move nothing", few, {"attack": True, "few": True}),
         ("one or two satellites by an echo only", few, {"attack": False, "few": True}),
+        ("two to four false signals of one transmitter", one, {"attack": True, "one": True}),
+        ("two to four satellites by echoes off walls only", one, {"attack": False, "one": True}),
     )
     for name, number, how in kinds:
-        count, off, wrong = counted(drawn(k, **how) for k in range(first, first + number))
+        draw = drawn_one if how.pop("one", False) else drawn
+        count, off, wrong = counted(draw(k, **how) for k in range(first, first + number))
         yield f"{name}: {dict(sorted(count.items()))}"
         if off:
             squares = np.array(off) ** 2
@@ -270,15 +368,21 @@ def main() -> None:
     parser.add_argument("--attacks", type=int, default=300)
     parser.add_argument("--clean", type=int, default=600)
     parser.add_argument("--few", type=int, default=0)
+    parser.add_argument("--one", type=int, default=0)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--only", type=int)
     parser.add_argument("--quiet-sky", action="store_true", help="of --only: the clean scene of that number")
     options = parser.parse_args()
     if options.only is None:
-        for row in table(attacks=options.attacks, clean=options.clean, few=options.few, first=options.first):
+        for row in table(
+            attacks=options.attacks, clean=options.clean, few=options.few, one=options.one, first=options.first
+        ):
             print(row, flush=True)
         return
-    scene = drawn(options.only, attack=not options.quiet_sky, few=options.few > 0)
+    if options.one:
+        scene = drawn_one(options.only, attack=not options.quiet_sky)
+    else:
+        scene = drawn(options.only, attack=not options.quiet_sky, few=options.few > 0)
     evidence, labels, word = judged(scene)
     print(word, scene.words)
     for e in evidence:

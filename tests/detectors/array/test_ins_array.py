@@ -161,6 +161,21 @@ def test_signals_beside_a_false_one_are_of_its_transmitter(monkeypatch, low):
         assert spoofed.code == "from_one_direction"
 
 
+@pytest.mark.parametrize(("beside_deg", "named"), [(0.0, 2), (4.0, 1)])
+def test_one_signal_so_near_to_a_false_one_is_of_its_transmitter(monkeypatch, beside_deg, named):
+    # One satellite stands below the horizon; the other one's signal alone would pass for a reflection.
+    explain_as_reflections(monkeypatch, late=False)
+    direction = TRUE.copy()
+    direction[:, 6] = direction_cosines(np.radians(40.0 + beside_deg), np.radians(-25.0))
+    direction[:, 7] = direction_cosines(np.radians(40.0), np.radians(-25.0))
+    records = draw_array_records(np.random.default_rng(8), direction)
+    signals = (*SIGNALS[:7], find_low_satellite())
+    phases = tuple(replace(phases, signals=signals) for phases in records.array_phases)
+    words, _ = examine_records(replace(records, array_phases=phases), false_alarm_probability=1e-5)
+    assert words["spoofed"] == set(signals[-named:])
+    assert words["authentic"] == set(SIGNALS[:6])
+
+
 def test_false_directions_are_among_the_directions_given():
     direction = TRUE.copy()
     direction[:, 2:4] = direction_cosines(np.radians(40.0), np.radians(-25.0))  # down is positive in the body

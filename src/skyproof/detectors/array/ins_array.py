@@ -52,7 +52,7 @@ from skyproof.records import (
     SignalRef,
     list_refs,
 )
-from skyproof.statistics.directions import equal_clusters, equal_statistic, equality_chance
+from skyproof.statistics.directions import equal_clusters, equal_statistic, equality_chance, subtract_nearest_whole
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = ["ArrayView", "InsArray", "InsArraySettings", "build_level_states", "select_likeliest"]
@@ -390,7 +390,6 @@ class InsArray:
         clusters = equal_clusters(measured.raw_cyc[others], white, false_alarm_probability=alpha, wrapped=True)
         every = len({view.refs[k].signal.sat for k in others})
         design, usual = array_design(measured.elements_cyc), white.mean(axis=0)
-        chance = equality_chance(design, usual, clusters.limit, wrapped=True)
         observed = {o.receiver: o for o in records.observations}
         explained = select_reflections(
             observed.get(view.refs[0].receiver),
@@ -419,7 +418,7 @@ class InsArray:
             p_values = np.minimum(1.0, n * view.agreed.p_values)
             p_value = float(p_values[false].max(initial=0.0))
             if false and p_value < alpha:
-                sorted_.spoofed.append((self._with_companions(view, false, rows, every, chance), p_value))
+                sorted_.spoofed.append((self._with_companions(view, false, rows, every), p_value))
             elif size > 1 and by_chance < POLICY.reflections_alike_probability:
                 sorted_.alike.append((rows.tolist(), by_chance))
             else:
@@ -427,19 +426,31 @@ class InsArray:
                 sorted_.reflected.update({k: (late[k], p_values[k]) for k in late if p_values[k] < alpha})
         return sorted_
 
-    def _with_companions(
-        self, view: ArrayView, false: list[int], rows: Indices, satellites: int, chance: float
-    ) -> list[int]:
-        """Return false signals with those that come from their place, if reflections rarely come from just that place.
+    def _with_companions(self, view: ArrayView, false: list[int], rows: Indices, satellites: int) -> list[int]:
+        """Return false signals with those that come from their place, if reflections rarely come from so near to it.
 
-        satellites : of all signals that do not come from their satellite. chance : that a signal from anywhere looks as
-        from one place.
+        satellites : of all signals that do not come from their satellite. The nearest others, as many as go together,
+        are of that place if so many of all others rarely lie so near to the false signal that is farthest from them.
         """
         once = select_unrepeated(view.refs, rows.tolist())
         known = {view.refs[k].signal.sat for k in false}
-        more = len({view.refs[k].signal.sat for k in once} - known)
-        by_chance = comb(satellites - len(known), more) * chance**more
-        return once if more and by_chance < POLICY.reflections_alike_probability else false
+        measured = view.measured
+        # What is measured of the false signals is given; only the other one's errors are drawn.
+        white = white_covariance(measured.sigma_cyc)
+        design = array_design(measured.elements_cyc)
+        chances = dict[int, float]()
+        for k in once:
+            if view.refs[k].signal.sat in known:
+                continue
+            apart = measured.raw_cyc[[k]] - measured.raw_cyc[false]
+            farthest = float(subtract_nearest_whole(apart, white[k])[1].max())
+            chances[k] = equality_chance(design, 0.5 * white[k], farthest, wrapped=True)
+        nearest = sorted(chances, key=chances.__getitem__)
+        for more in range(len(nearest), 0, -1):
+            chance = comb(satellites - len(known), more) * chances[nearest[more - 1]] ** more
+            if chance < POLICY.reflections_alike_probability:
+                return sorted([*false, *nearest[:more]])
+        return false
 
     def _find_false(self, report: Reporter, view: ArrayView, rows: list[int], p_value: float) -> Finding:
         """Return that each of these signals is false, and from where they may come."""
