@@ -75,8 +75,19 @@ def elements_of(rng: np.random.Generator, antennas: int, side_m: float, flat: bo
     return places @ Rotation.from_euler("z", rng.uniform(0.0, 2.0 * np.pi)).as_matrix().T
 
 
-def drawn(number: int, *, attack: bool, reflections_cyc: float = 0.0, few: bool = False) -> Drawn:
+def drawn(
+    number: int,
+    *,
+    attack: bool,
+    reflections_cyc: float = 0.0,
+    pattern_cyc: float = 0.0,
+    stated_m: float | None = None,
+    few: bool = False,
+) -> Drawn:
     """One scene by its number.
+
+    pattern_cyc : sigma of what each antenna's pattern writes into phases, the same for signals from one direction.
+    stated_m : what is stated of it.
 
     few : one or two signals instead of the true ones, which show the true place and time.
     """
@@ -90,6 +101,7 @@ def drawn(number: int, *, attack: bool, reflections_cyc: float = 0.0, few: bool 
         "places": int(rng.integers(1, 4)) if attack else 0,
         "power_db": float(rng.uniform(-3.0, 20.0)),
     }
+    words |= {"pattern_cyc": pattern_cyc, "stated_m": stated_m}
     lat_deg, lon_deg = rng.uniform(-65.0, 65.0), rng.uniform(-180.0, 180.0)
     shows_m = (*rng.uniform(-1e3, 1e3, 2), rng.uniform(-20.0, 20.0))
     false_sky = FalseSky(shows_enu_m=shows_m, delay_m=rng.uniform(-1e3, 1e3))
@@ -267,6 +279,7 @@ def _phases(
         sigma_cyc=sigma_cyc,
         calibrated=words["lines"],
         elements_sigma_m=0.003,
+        pattern_sigma_m=words.get("stated_m"),
         lasting_sigma_cyc=LASTING_CYC,
     )
     towards = predict_directions(made, state, scene.navigation)
@@ -278,6 +291,11 @@ def _phases(
     phase = towards @ wrong_m.T / WAVE_M + sigma_cyc * rng.standard_normal(shape)
     phase = phase + LASTING_CYC * rng.standard_normal(shape[1:]) + rng.random((*shape[:2], 1))
     phase = phase + reflections_cyc * rng.standard_normal(shape[1:])
+    if words.get("pattern_cyc"):
+        sats = sorted({s.sat for s in o.signals})
+        patterns = np.random.default_rng(rng.integers(2**32)).standard_normal((len(directions) + len(sats), shape[2]))
+        of = [k if k >= 0 else len(directions) + sats.index(s.sat) for k, s in zip(place, o.signals, strict=True)]
+        phase = phase + words["pattern_cyc"] * patterns[of]
     phase = phase + (0.005 if words["lines"] else 1.0) * rng.standard_normal(shape[2])
     made = replace(made, phase_cyc=phase - np.floor(phase))
     if not np.isfinite(words["attitude_deg"]):
@@ -338,12 +356,14 @@ def report() -> Iterator[str]:
     yield from table(attacks=20, clean=20)
 
 
-def table(*, attacks: int, clean: int, few: int = 0, one: int = 0, first: int = 0) -> Iterator[str]:
+def table(*, attacks: int, clean: int, few: int = 0, one: int = 0, patterned: int = 0, first: int = 0) -> Iterator[str]:
     """Counts of drawn scenes."""
     kinds: tuple[tuple[str, int, dict[str, Any]], ...] = (
         ("attacks", attacks, {"attack": True}),
         ("clean", clean, {"attack": False}),
-        ("clean, reflections of 0.02 cycle", clean, {"attack": False, "reflections_cyc": 0.02}),
+        ("clean, patterns of 0.02 cycle", clean, {"attack": False, "pattern_cyc": 0.02}),
+        ("clean, patterns of 0.05 cycle, as stated", clean, {"attack": False, "pattern_cyc": 0.05, "stated_m": 0.01}),
+        ("attacks, patterns of 0.02 cycle", patterned, {"attack": True, "pattern_cyc": 0.02}),
         ("one or two false signals that move nothing", few, {"attack": True, "few": True}),
         ("one or two satellites by an echo only", few, {"attack": False, "few": True}),
         ("two to four false signals of one transmitter", one, {"attack": True, "one": True}),
@@ -369,13 +389,19 @@ def main() -> None:
     parser.add_argument("--clean", type=int, default=600)
     parser.add_argument("--few", type=int, default=0)
     parser.add_argument("--one", type=int, default=0)
+    parser.add_argument("--patterned", type=int, default=0)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--only", type=int)
     parser.add_argument("--quiet-sky", action="store_true", help="of --only: the clean scene of that number")
     options = parser.parse_args()
     if options.only is None:
         for row in table(
-            attacks=options.attacks, clean=options.clean, few=options.few, one=options.one, first=options.first
+            attacks=options.attacks,
+            clean=options.clean,
+            few=options.few,
+            one=options.one,
+            patterned=options.patterned,
+            first=options.first,
         ):
             print(row, flush=True)
         return

@@ -291,7 +291,7 @@ NAVIGATION = make_nominal_constellation(START)
 PLACE = np.radians(59.0), np.radians(17.0), 100.0
 PLACE_M = ecef_from_geodetic(*PLACE)
 ELEMENTS_M = equilateral_triangle(1.0) * SPEED_OF_LIGHT_M_S / L1_HZ
-INS_SETTINGS = InsArraySettings(false_alarm_probability=0.05)
+INS_SETTINGS = InsArraySettings(false_alarm_probability=0.05, pattern_sigma_m=0.0)
 
 
 def list_in_view():

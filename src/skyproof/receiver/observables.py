@@ -349,6 +349,7 @@ def build_array_phases(
         carrier_hz=np.full(len(signals), carrier_hz),
         calibrated=array.line_bias_cyc is not None,
         elements_sigma_m=array.sigma_m,
+        pattern_sigma_m=array.pattern_sigma_m,
         lasting_sigma_cyc=max((s.plan.highest_side_lobe for s in signals), default=0.0) / (2.0 * np.pi),
     )
 

@@ -256,6 +256,8 @@ class ArrayPhases(ShortRepr, Selectable, Channels):
     sigma_cyc : the same, thermal noise, one sigma.
     calibrated : constant delays of antenna lines are known, and taken off.
     elements_sigma_m : of each phase centre along each axis; None if not known.
+    pattern_sigma_m : of each antenna's phase, by its pattern and its neighbours: what is the same for signals of one
+        direction only, as a length; None if not known.
     lasting_sigma_cyc : of each signal's phase on each antenna, what epochs share and their mean keeps.
     carrier_hz : (n_channels,) nominal carrier; by default that of each signal's plan, NaN for GLONASS's G1 and G2.
     """
@@ -275,6 +277,7 @@ class ArrayPhases(ShortRepr, Selectable, Channels):
     carrier_hz: Reals = field(default_factory=lambda: np.array(np.nan))
     calibrated: bool = True
     elements_sigma_m: float | None = None
+    pattern_sigma_m: float | None = None
     lasting_sigma_cyc: float = 0.0
 
     def __post_init__(self) -> None:

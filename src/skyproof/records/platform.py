@@ -23,11 +23,13 @@ class AntennaArray(ShortRepr):
 
     elements_m : (n_antennas, 3) phase centres in the body frame (forward, right, down).
     sigma_m : of each phase centre along each axis; None if not known.
+    pattern_sigma_m : of each phase by the antenna's pattern and its neighbours, as a length; None if not known.
     line_bias_cyc : (n_antennas,) by which each line delays the carrier; None if not known.
     """
 
     elements_m: Reals
     sigma_m: float | None = None
+    pattern_sigma_m: float | None = None
     line_bias_cyc: Reals | None = None
 
     def __post_init__(self) -> None:

@@ -38,6 +38,7 @@ position = { lat_deg = 57.7, lon_deg = 11.94, height_m = 50.0, sigma_m = 0.05 }
 body_m = [0.0, 0.0, 0.0]
 antennas_m = [[0.0, 0.0, 0.0], [0.190, 0.0, 0.0], [0.095, -0.165, 0.0]]
 antenna_sigma_m = 0.003
+antenna_pattern_sigma_m = 0.005
 line_bias_cyc = [0.0, 0.25, -0.125]
 
 [[receivers]]
@@ -76,7 +77,8 @@ def test_every_key_is_read(tmp_path: Path) -> None:
     assert (platform.motion, platform.speed_max_m_s, platform.oscillator) == ("static", 40.0, "tcxo")
     assert (first.name, second.name) == ("rx1", "rx2")
     assert first.position == Surveyed(lat_deg=57.7, lon_deg=11.94, height_m=50.0, sigma_m=0.05)
-    assert (first.antenna_sigma_m, first.line_bias_cyc) == (0.003, (0.0, 0.25, -0.125))
+    assert (first.antenna_sigma_m, first.antenna_pattern_sigma_m) == (0.003, 0.005)
+    assert first.line_bias_cyc == (0.0, 0.25, -0.125)
     np.testing.assert_array_equal(first.antennas_body_m, [[0, 0, 0], [0.19, 0, 0], [0.095, -0.165, 0]])
     np.testing.assert_array_equal(second.antennas_body_m, [[0, 3, 0]])
     assert second.spin == PlatformSpin(radius_m=0.0951, rate_hz=0.25, rate_sigma_hz=0.001)
@@ -191,6 +193,7 @@ WRONG = [
         "receivers[0].antennas_m: … 2 antennas … inputs has 3",
     ),
     (f"{RECEIVER}antenna_sigma_m = 0", "receivers[0].antenna_sigma_m = 0 … 0"),
+    (f"{RECEIVER}antenna_pattern_sigma_m = 1", "receivers[0].antenna_pattern_sigma_m = 1 … 0.1"),
     (f"{RECEIVER}line_bias_cyc = 0.1", "receivers[0].line_bias_cyc = 0.1 … list"),
     (
         f"{RECEIVER}antennas_m = [[0, 0, 0], [1, 0, 0]]\nline_bias_cyc = [0.1]",

@@ -18,15 +18,16 @@ def make_tables(**keys: Any) -> dict[str, PlatformReceiver]:
 
 
 def test_an_array_is_where_its_antennas_are() -> None:
-    described = make_tables(antennas_m=PLACES_M, antenna_sigma_m=0.002, line_bias_cyc=[0.0, 0.2, -0.1])
+    stated = {"antenna_sigma_m": 0.002, "antenna_pattern_sigma_m": 0.01, "line_bias_cyc": [0.0, 0.2, -0.1]}
+    described = make_tables(antennas_m=PLACES_M, **stated)
     array = build_arrays(described, {"rx": 3})["rx"]
     assert np.array_equal(array.elements_m, PLACES_M)
-    assert array.sigma_m == 0.002
+    assert (array.sigma_m, array.pattern_sigma_m) == (0.002, 0.01)
     assert array.line_bias_cyc is not None
     assert array.line_bias_cyc.tolist() == [0.0, 0.2, -0.1]
     unknown = build_arrays(make_tables(antennas_m=PLACES_M), {"rx": 3})["rx"]
     assert unknown.line_bias_cyc is None
-    assert unknown.sigma_m is None
+    assert (unknown.sigma_m, unknown.pattern_sigma_m) == (None, None)
 
 
 def test_antennas_without_stated_places_are_no_array() -> None:

@@ -32,7 +32,7 @@ def test_the_stated_number_of_imitated_satellites_is_found():
 def test_a_false_signal_from_as_far_as_is_said_is_noticed(monkeypatch, signal):
     # Nearly always: 24 of 24. Half a wavelength leaves no whole cycles open.
     monkeypatch.setattr("tests.detectors.nulls.ELEMENTS_M", 0.5 * ELEMENTS_M)
-    detector = InsArray(InsArraySettings(false_alarm_probability=1e-3))
+    detector = InsArray(InsArraySettings(false_alarm_probability=1e-3, pattern_sigma_m=0.0))
     angle_rad = read_noticed(detector, draw_array_records(np.random.default_rng(3)))["elsewhere"]
     assert np.radians(2.0) < angle_rad < np.radians(60.0)
     rng = np.random.default_rng([4, signal])

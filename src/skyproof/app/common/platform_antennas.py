@@ -42,6 +42,7 @@ def build_arrays(
             arrays[name] = AntennaArray(
                 elements_m=np.array(table.antennas_m, np.float64),
                 sigma_m=table.antenna_sigma_m,
+                pattern_sigma_m=table.antenna_pattern_sigma_m,
                 line_bias_cyc=None if table.line_bias_cyc is None else np.array(table.line_bias_cyc, np.float64),
             )
     return arrays

@@ -138,6 +138,14 @@ class PlatformReceiver(Model):
         "one receiver and 0.1 between receivers.",
         examples=[0.003],
     )
+    antenna_pattern_sigma_m: Number | None = Field(
+        default=None,
+        ge=0.0,
+        le=0.1,
+        description="One sigma of each antenna's phase from direction to direction, by its own pattern and its "
+        "neighbours, metres; if absent 0.004 in an array.",
+        examples=[0.004],
+    )
     line_bias_cyc: tuple[Number, ...] | None = Field(
         default=None,
         max_length=64,

@@ -53,7 +53,7 @@ class MeanPhases:
     cycles : (n, d) measured minus predicted differences, any whole cycles in them. direction : (n, 3) predicted;
     the other predictions follow from it. sigma_cyc : (n, M). elements_cyc : (M, 3). ratio : (n,) of carriers.
     position_sigma_cyc : of each antenna along each axis. scale_sigma : of the length of all baselines together, as a
-        share of it.
+        share of it. pattern_sigma_cyc : of each antenna's phase, by its pattern: another one for each direction.
     """
 
     cycles: Reals
@@ -63,6 +63,7 @@ class MeanPhases:
     ratio: Reals
     position_sigma_cyc: float
     scale_sigma: float = 0.0
+    pattern_sigma_cyc: float = 0.0
 
     def part(self, rows: Indices) -> "MeanPhases":
         """Return these phases for some of the signals only."""
@@ -155,7 +156,7 @@ def compute_covariance(measured: MeanPhases, frame: ArrayFrame) -> Reals:
     return residual_covariance(
         measured.elements_cyc,
         measured.direction @ frame.turn.T,
-        sigma_cyc=measured.sigma_cyc,
+        sigma_cyc=np.hypot(measured.sigma_cyc, measured.pattern_sigma_cyc * measured.ratio[:, None]),
         position_sigma_cyc=measured.position_sigma_cyc,
         attitude_covariance_rad2=frame.attitude_covariance_rad2,
         bias_sigma_cyc=frame.bias_sigma_cyc,

@@ -108,6 +108,7 @@ def _predict_shared(known: MeanPhases, agreed: Agreement, directions: Reals, rat
         ratio=np.append(known.ratio, np.full(s, ratio)),
         position_sigma_cyc=known.position_sigma_cyc,
         scale_sigma=known.scale_sigma,
+        pattern_sigma_cyc=known.pattern_sigma_cyc,
     )
     return predict_from_members(
         agreed.residual_cyc, compute_covariance(extended, agreed.frame), np.arange(n), np.arange(n, n + s)

@@ -27,7 +27,7 @@ from skyproof.detectors.array.array_model import array_design, mean_differences,
 from skyproof.detectors.array.arrivals import Arrival, across, find_arrivals
 from skyproof.detectors.array.failing import Failing, Fault, find_failing, leave_out
 from skyproof.detectors.array.noticed import least_noticeable_angle
-from skyproof.detectors.array.over_time import Block, Waiting, add_block, alpha_alone, alpha_of_block, pattern_share
+from skyproof.detectors.array.over_time import Block, Waiting, add_block, alpha_alone, alpha_of_block
 from skyproof.detectors.array.policy import POLICY
 from skyproof.detectors.array.reflected import levels_dbhz, select_reflections
 from skyproof.detectors.base import NotTested, Reporter, leave_open
@@ -64,6 +64,7 @@ class InsArraySettings:
 
     false_alarm_probability : of each array and window.
     position_sigma_m : of each antenna's phase centre along each axis, where the array does not state it.
+    pattern_sigma_m : of each antenna's phase by its pattern and its neighbours, where the array does not state it.
     scale_sigma : of the length of all baselines together, as a share of it.
     bias_sigma_cyc : of what calibration leaves of each antenna's line.
     attitude_sigma_deg : about each axis, where the inertial system gives no covariance.
@@ -73,6 +74,7 @@ class InsArraySettings:
 
     false_alarm_probability: float = 1e-3
     position_sigma_m: float = 0.003
+    pattern_sigma_m: float = POLICY.coupled_pattern_sigma_m
     scale_sigma: float = 0.0
     bias_sigma_cyc: float = 0.005
     attitude_sigma_deg: float = 0.05
@@ -166,10 +168,9 @@ class InsArray:
         notes += _list_unused(view)
         lasting_cyc = np.full(len(phases.elements_m), phases.lasting_sigma_cyc)
         block = block_from_view(view, lasting_cyc, report.records)
-        share = pattern_share(phases.lasting_sigma_cyc, L1_HZ)
         alone_findings = alone.judge(report, view, navigation)
         waiting[phases.receiver], found = self.judge_with_blocks(
-            report, alone_findings, waiting.get(phases.receiver, Waiting()), block, view, navigation, share
+            report, alone_findings, waiting.get(phases.receiver, Waiting()), block, view, navigation
         )
         return [*(report.pass_over(every, why) for why in notes), *found]
 
@@ -185,7 +186,7 @@ class InsArray:
         block: Block,
         view: ArrayView,
         navigation: NavigationData,
-        kept: float,
+        kept: float = 0.0,
     ) -> tuple[Waiting, list[Finding]]:
         """Return what waits, and the findings of a window beside those of the longer blocks that it completes.
 
@@ -230,7 +231,7 @@ class InsArray:
         used = np.flatnonzero(mean.long_enough(self.settings.min_share))
         if not used.size:
             return None
-        known_m = phases.elements_sigma_m
+        known_m, pattern_m = phases.elements_sigma_m, phases.pattern_sigma_m
         measured = MeanPhases(
             cycles=mean.cycles[used],
             direction=np.einsum("kn,kni->ni", mean.share, np.nan_to_num(direction))[used],
@@ -241,6 +242,9 @@ class InsArray:
             * L1_HZ
             / SPEED_OF_LIGHT_M_S,
             scale_sigma=self.settings.scale_sigma,
+            pattern_sigma_cyc=(self.settings.pattern_sigma_m if pattern_m is None else pattern_m)
+            * L1_HZ
+            / SPEED_OF_LIGHT_M_S,
         )
         refs = tuple(SignalRef(phases.receiver, phases.signals[k]) for k in used)
         stated = ArrayFrame(
@@ -282,10 +286,11 @@ class InsArray:
         """Test if so many satellites agree, or agree well, by chance with less than the false-alarm probability."""
         d = measured.cycles.shape[1]
         alpha, total = self.settings.false_alarm_probability, np.unique(sats).size
-        position = white_covariance(np.full(d + 1, measured.position_sigma_cyc))
+        lasting_cyc = np.hypot(measured.position_sigma_cyc, measured.pattern_sigma_cyc)
+        lasting = white_covariance(np.full(d + 1, lasting_cyc))
         design = array_design(measured.elements_cyc)
         covariance = (
-            white_covariance(measured.sigma_cyc).mean(axis=0) + position + measured.scale_sigma**2 * design @ design.T
+            white_covariance(measured.sigma_cyc).mean(axis=0) + lasting + measured.scale_sigma**2 * design @ design.T
         )
         for missed in POLICY.gates_missed_probability:
             size = np.unique(sats[agreed.members[agreed.p_values[agreed.members] >= missed]]).size

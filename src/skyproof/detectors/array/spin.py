@@ -265,6 +265,7 @@ class Spin:
             carrier_hz=carrier_hz,
             calibrated=False,
             elements_sigma_m=0.0,
+            pattern_sigma_m=0.0,  # in step with the arm, it is a part of what lasts
         )
         scale_sigma = self.settings.radius_sigma_m / arm.radius_m
         judge = _ByArm(
