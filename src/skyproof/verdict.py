@@ -162,6 +162,7 @@ class NullResult(_Model):
         description="Power of the sources over the noise of one antenna, dB, median of the time without positions; "
         "what coarse samples make of a source counts as noise."
     )
+    word: VerdictWord = Field(description="What one receiver's tests say of the signals behind the null alone.")
     from_gpst: Gpst | None = Field(description="First position found behind the null, GPS time; null without any.")
     to_gpst: Gpst | None = Field(description="Last position found behind the null, GPS time; null without any.")
     seconds: Sigma = Field(description="How long positions are those found behind the null, seconds.")

@@ -36,7 +36,7 @@ KEYS = {
     "noticed": "receiver kind size unit detector share_of_windows",
     "receivers": "name word input start_gpst duration_s trusted_fix consistent_fix inertial_fix held_fix "
     "behind_null false_fix unprotected_fix own_fix own_states",
-    "receivers.behind_null": "source_to_noise_db from_gpst to_gpst seconds cn0_cost_db",
+    "receivers.behind_null": "source_to_noise_db word from_gpst to_gpst seconds cn0_cost_db",
     "receivers.own_fix": "gpst lat_deg lon_deg height_m horizontal_sigma_m from_trusted_m most_from_trusted_m "
     "most_from_trusted_gpst",
     "receivers.own_states": "subject state alarm since_gpst until_gpst",

@@ -74,9 +74,8 @@ def _track_again(
     if not covered.any():
         return None
     progress.say(f"{samples.name}: sources above the noise cost positions; tracked again behind a null")
-    (tracker,), interrupted = track(
-        [take_out_sources(samples, POLICY.most_sky_hz)], settings, progress, navigation, asked=asked()
-    )
+    combined = [take_out_sources(samples, POLICY.most_sky_hz)]
+    (tracker,), interrupted = track(combined, settings, progress, navigation, asked=asked(), as_one=True)
     if interrupted:
         return None
     outcome, _ = judge(
@@ -87,6 +86,7 @@ def _track_again(
         track_ = positions.track("consistent")
         epochs = lacking & (track_ is not None and track_.fixed)
     return BehindNull(
+        word=outcome.decision.verdict,
         positions=positions,
         epochs=epochs,
         seconds=float(np.sum(epochs)) * (median_interval_s(log.elapsed_s) if lacking.size > 1 else 0.0),

@@ -234,6 +234,7 @@ def _describe_null(r: ReceiverOutcome) -> NullResult | None:
     gpst = [format_iso(track.gpst[row], DIGITS) for row in fixed[[0, -1]]] if track is not None and fixed.size else None
     return NullResult(
         source_to_noise_db=10.0 * float(np.log10(behind.source_to_noise)),
+        word=behind.word,
         from_gpst=None if gpst is None else gpst[0],
         to_gpst=None if gpst is None else gpst[1],
         seconds=behind.seconds,

@@ -31,6 +31,7 @@ from skyproof.records import (
     Observations,
     SignalId,
     TimeSliced,
+    VerdictWord,
 )
 from skyproof.verdict import USABLE, Place
 
@@ -74,12 +75,13 @@ class Track:
 class BehindNull:
     """What samples give that sources were taken out of, judged alone.
 
-    positions : at the epochs of the samples as recorded; None if they give none. epochs : (n_epochs,) at which these
-    stand for fixes that the samples as recorded do not give. seconds : how long these are. source_to_noise : power of
-    the sources over one antenna's noise, median. cost_db : by how much C/N0 is lower than without a source; None where
-    that does not show.
+    word : by these alone. positions : at the epochs of the samples as recorded; None if they give none. epochs :
+    (n_epochs,) at which these stand for fixes that the samples as recorded do not give. seconds : how long these are.
+    source_to_noise : power of the sources over one antenna's noise, median. cost_db : by how much C/N0 is lower than
+    without a source; None where that does not show.
     """
 
+    word: VerdictWord
     positions: "Positions | None"
     epochs: Booleans
     seconds: float

@@ -15,7 +15,7 @@ from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource
 from skyproof.gnss.time import format_clock, format_iso
 from skyproof.records import Finding
-from skyproof.verdict import radius_95_m
+from skyproof.verdict import radius_95_m, write_word
 
 __all__ = ["summarize"]
 
@@ -102,7 +102,8 @@ def _describe_nulls(outcome: Outcome) -> str:
         name, source_db = r.reception.source.name, 10.0 * np.log10(behind.source_to_noise)
         words += f" A source {source_db:.0f} dB above the noise of an antenna was taken out of the samples of {name}"
         if not r.has_fixes_behind_null:
-            words += ", but behind this null no position is found either."
+            said = "" if behind.word == "no_attack_seen" else f" (its signals are {write_word(behind.word)})"
+            words += f", but no position may be used behind this null either{said}."
             continue
         cost = "" if behind.cost_db is None else f"; C/N0 is {behind.cost_db:.1f} dB lower there than without a source"
         words += (

@@ -5,7 +5,7 @@ half cycles are found by.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, ClassVar, Final, Generic, Protocol, Self, TypeVar
 
 import numpy as np
@@ -100,9 +100,10 @@ def _join(parts: Sequence[R]) -> R:
 class MeasurementLog:
     """Measurements of one recording in order of time, appended block by block."""
 
-    def __init__(self, workspace: Workspace, receiver: str, epoch_s: float) -> None:
-        """An empty one. epoch_s : from one row of measurements to the next."""
-        self.epoch_s = epoch_s
+    def __init__(self, workspace: Workspace, receiver: str, epoch_s: float, *, as_one: bool = False) -> None:
+        """An empty one. epoch_s : from one row of measurements to the next. as_one : of several antennas keep only what
+        is measured in their sum."""
+        self.epoch_s, self._as_one = epoch_s, as_one
         self._rows: RowLog[Measurements] = RowLog(workspace, f"{receiver}/measured", self._columns_to_keep)
         self._first: dict[int, Measurements] = {}
         self._dopplers_hz: dict[int, tuple[float, int]] = {}
@@ -113,6 +114,7 @@ class MeasurementLog:
 
     def append(self, measured: Measurements, arcs: Mapping[int, Arc]) -> None:
         """Append the measurements of the next block, with their arcs."""
+        measured = replace(measured, own=measured.own[:, :0]) if self._as_one else measured
         numbers, rows = np.unique(measured.arc, return_index=True)
         for number, row in zip(numbers.tolist(), rows.tolist(), strict=True):
             if number not in self._first:

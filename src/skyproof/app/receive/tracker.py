@@ -161,6 +161,7 @@ def track(
     workspace: Workspace | None = None,
     units: Mapping[str, AntennaUnit] | None = None,
     look: Callable[[Sequence[Tracker]], None] | None = None,
+    as_one: bool = False,
 ) -> tuple[list[Tracker], bool]:
     """Track all recordings side by side, so that an interruption leaves all equally far.
 
@@ -178,6 +179,8 @@ def track(
 
     look : is called with the trackers after each block of all.
 
+    as_one : measure several antennas in their sum only.
+
     Returns the trackers and whether a signal ended it early: what was tracked until then is kept.
     """
     if not recordings:
@@ -187,7 +190,7 @@ def track(
     kept = workspace or Workspace()
     trackers = [
         _set_up_tracker(
-            samples, settings, navigation, watchful, asked or Asked(), kept, (units or {}).get(samples.name)
+            samples, settings, navigation, watchful, asked or Asked(), kept, (units or {}).get(samples.name), as_one
         )
         for samples in recordings
     ]
@@ -215,7 +218,8 @@ def _set_up_tracker(
     watchful: bool,
     asked: Asked,
     workspace: Workspace,
-    unit: AntennaUnit | None = None,
+    unit: AntennaUnit | None,
+    as_one: bool,
 ) -> Tracker:
     """Set up a recording's tracker: disturbances removed from the samples, stated gaps bridged."""
     clean, words = clean_antennas(samples)
@@ -224,7 +228,7 @@ def _set_up_tracker(
     wanted = build_receiver_settings(sats, settings, asked, watchful=watchful)
     receiver = Receiver(samples.rate_hz, carrier_at_hz(samples), wanted)
     grids: RowLog[Grids] = RowLog(workspace, f"{samples.name}/grids")
-    measured = MeasurementLog(workspace, samples.name, MEASURE_FRAMES * wanted.frame_s)
+    measured = MeasurementLog(workspace, samples.name, MEASURE_FRAMES * wanted.frame_s, as_one=as_one)
     return Tracker(
         samples=whole,
         receiver=receiver,
