@@ -11,6 +11,7 @@ from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.orbits import compute_satellite_state_s
 from skyproof.gnss.sky import compute_azimuth_elevation
 from skyproof.gnss.time import week_and_tow
+from skyproof.navigation.predictor import Standing, place_surveyed
 from skyproof.records import Cause, SpinArm
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
@@ -136,6 +137,18 @@ def test_a_true_sky_is_authentic(made, stated, seed):
     records = make_turning(np.random.default_rng(seed), false=0, **made)
     words, _ = examine_records(records, **stated)
     assert words == {"authentic": set(records.observations[0].signals)}
+
+
+def test_a_surveyed_place_needs_no_set_of_signals_that_fit():
+    standing = Standing(stands=True, oscillator=None, by=())
+    for moved_rad in (None, np.radians(30.0)):
+        records = make_turning(np.random.default_rng(7), false=0, moved_rad=moved_rad)
+        surveyed = place_surveyed(standing, records.sets[0].position_ecef_m, 25.0 * np.eye(3))
+        words, _ = examine_records(replace(records, sets=(), standing={"rx1": surveyed}))
+        signals = records.observations[0].signals
+        named = set() if moved_rad is None else {signals[0]}
+        assert words.get("spoofed", set()) == named
+        assert words["authentic"] == set(signals) - named
 
 
 def test_most_false_signals_ten_degrees_off_are_named():

@@ -18,6 +18,7 @@ from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.orbits import compute_satellite_state_s
 from skyproof.gnss.sky import compute_azimuth_elevation
 from skyproof.gnss.time import week_and_tow
+from skyproof.navigation.predictor import Standing, place_surveyed
 from skyproof.records import Cause, ConsistentSet, Records, SignalId
 from skyproof.statistics.directions import (
     direction_cosines,
@@ -252,6 +253,14 @@ def test_without_a_place_the_fitting_sets_place_is_taken():
     assert finding.code == "no_place"
     far = ecef_from_geodetic(np.radians(-20.0), np.radians(80.0), 0.0)
     words, _ = examine_records(replace(records, sets=(make_set(2, 3, place_m=far), make_set(0, 1, 4, 5, 6, 7))))
+    assert words == {"spoofed": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
+
+
+def test_a_surveyed_place_needs_neither_attitude_nor_a_set():
+    surveyed = place_surveyed(Standing(stands=True, oscillator=None, by=()), PLACE_M, 25.0 * np.eye(3))
+    (phases,) = move_two().array_phases
+    first = replace(move_two(), array_phases=(take_first(phases),), nav_state={}, standing={"rx1": surveyed})
+    words, _ = examine_records(first)
     assert words == {"spoofed": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
 
 

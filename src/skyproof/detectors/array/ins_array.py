@@ -55,7 +55,7 @@ from skyproof.records import (
 from skyproof.statistics.directions import equal_clusters, equal_statistic, equality_chance, subtract_nearest_whole
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
-__all__ = ["ArrayView", "InsArray", "InsArraySettings", "build_level_states", "select_likeliest"]
+__all__ = ["ArrayView", "InsArray", "InsArraySettings", "build_level_states", "list_places", "select_likeliest"]
 
 
 @dataclass(frozen=True)
@@ -617,16 +617,24 @@ def select_likeliest(views: Sequence[ArrayView]) -> ArrayView:
 def _list_states(records: Records, receiver: str) -> list[NavState]:
     """List the states that the body may be in.
 
-    It is the known state, or one at the place of each consistent set. Without an attitude it is level, heads north, and
+    It is the known state, or one at each place of `list_places`. Without an attitude it is level, heads north, and
     nothing of that is taken for known.
     """
     state = records.nav_state.get(receiver)
     if state is not None and (state.covariance is None or bool(np.isfinite(state.covariance[0, 0, 0]))):
         return [state]
-    places = [candidate.position_ecef_m for candidate in records.sets if candidate.receiver == receiver]
+    places = list_places(records, receiver)
     if state is not None:
         return [replace(state, position_ecef_m=np.tile(place, (state.gpst.size, 1))) for place in places]
     return build_level_states(records, places, POLICY.free_attitude_sigma_rad)
+
+
+def list_places(records: Records, receiver: str) -> list[Reals]:
+    """List the places (3,) where a receiver may be: the surveyed one, else that of each of its consistent sets."""
+    standing = records.standing.get(receiver)
+    if standing is not None and standing.surveyed:
+        return [standing.known.mean[:3]]
+    return [candidate.position_ecef_m for candidate in records.sets if candidate.receiver == receiver]
 
 
 def build_level_states(records: Records, places: Sequence[Reals], tilt_sigma_rad: float) -> list[NavState]:

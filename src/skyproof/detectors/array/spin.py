@@ -23,6 +23,7 @@ from skyproof.detectors.array.ins_array import (
     InsArraySettings,
     block_from_view,
     build_level_states,
+    list_places,
     select_likeliest,
 )
 from skyproof.detectors.array.over_time import Block, Waiting, alpha_alone, pattern_share
@@ -162,8 +163,8 @@ class Spin:
     """The detector: which signals of a receiver on an arm come from one direction.
 
     From its observations and `spin_arms`, a tuple of `SpinArm`. The arm must turn by most of a turn within the
-    window; with less nothing is decided. With orbits and a consistent set, directions are held against the satellites',
-    up to the angle from which the arm starts, as `ins_array` does; without, with each other.
+    window; with less nothing is decided. With orbits and a surveyed place or a consistent set, directions are held
+    against the satellites', up to the angle from which the arm starts, as `ins_array` does; without, with each other.
     """
 
     name = "spin"
@@ -236,9 +237,7 @@ class Spin:
             known nor needed, and what all share is not known either.
         """
         records = report.records
-        places = [
-            candidate.position_ecef_m for candidate in records.sets if candidate.receiver == observations.receiver
-        ]
+        places = list_places(records, observations.receiver)
         if records.navigation is None or not places:
             return []
         channels = levels.channels
