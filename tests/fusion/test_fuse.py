@@ -256,6 +256,11 @@ def test_an_attack_is_dated_by_what_overruled_just_before(invented, pair):
     assert fuse([long_ago, attack], pair, []).onset.seen == invented.at(30.0)
 
 
+def test_an_attack_is_dated_by_the_test_that_shows_it(invented, pair):
+    attack = invented.evidence(2, "attack", *SKY, dated_gpst=invented.at(4.0))
+    assert fuse([attack], pair, []).onset.seen == invented.at(4.0)
+
+
 # --- what stays unexplained
 
 

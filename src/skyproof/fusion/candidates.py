@@ -114,12 +114,18 @@ class FixMaker:
 
     def compute_last_fix(self, window: SkyCandidates, s: ConsistentSet, without: Sequence[str]) -> NavEstimate | None:
         """Return the last fix of a window by its first kind of signals, without some satellites; None without one."""
-        signals = [
-            signal for signal in s.signals if signal.kind == find_reference_kind(s) and signal.sat not in without
-        ]
         stop = int(np.searchsorted(self.log.gpst, window.end))
-        found = self._compute_fixes(signals, max(stop - POLICY.at_end_epochs, 0), stop)
+        found = self._compute_fixes(self._select_rest(s, without), max(stop - POLICY.at_end_epochs, 0), stop)
         return found[-1] if found else None
+
+    def compute_fixes(self, window: SkyCandidates, s: ConsistentSet, without: Sequence[str]) -> tuple[NavEstimate, ...]:
+        """Return the fixes of a window by its first kind of signals, without some satellites."""
+        first, stop = (int(row) for row in np.searchsorted(self.log.gpst, np.array([window.start, window.end])))
+        return self._compute_fixes(self._select_rest(s, without), first, stop)
+
+    def _select_rest(self, s: ConsistentSet, without: Sequence[str]) -> list[SignalId]:
+        kind = find_reference_kind(s)
+        return [signal for signal in s.signals if signal.kind == kind and signal.sat not in without]
 
     def _compute_each(self, window: SkyCandidates, s: ConsistentSet, kind: Kind) -> tuple[NavEstimate, ...]:
         """Return the fixes of epochs by one kind of signals, or by the set's own kind where it has none of that."""

@@ -278,15 +278,17 @@ def _time_line(
 def _date_first_sign(evidence: Sequence[Finding]) -> Onset:
     """Date an attack that no signal or sky dates.
 
-    A test that failed in the first window that shows it does so, or one that overrules others in the window before,
-    which an attack may need to show; else it is the end of that window.
+    A test that shows it does so, one that failed in the first window in which any does, or one that overrules others in
+    the window before, which an attack may need to show; else it is the end of that window.
     """
     start, end = min(((e.start_gpst, e.end_gpst) for e in evidence if e.says in ("spoofed", "attack")), key=_get_end)
     before = start - (end - start)
     dated = [
         e.dated_gpst
         for e in evidence
-        if e.dated_gpst is not None and (start if not e.overrules else before) <= e.dated_gpst < end
+        if e.dated_gpst is not None
+        and e.dated_gpst < end
+        and (e.says == "attack" or e.dated_gpst >= (before if e.overrules else start))
     ]
     return Onset(seen=min([*dated, end]), earliest=None)
 

@@ -15,10 +15,13 @@ from skyproof.app.common.windows import cut, windows_of
 from skyproof.detectors.prediction.inertia import (
     Inertia,
     InertiaSettings,
+    _Course,
     _find_unit_p_value,
     _Look,
+    _Refused,
     list_navigators,
 )
+from skyproof.navigation.nav_estimate import NavEstimate
 from skyproof.records import Cause, Finding, Hypothesis, Need, list_refs
 from skyproof.simulator.sky import make_scene
 from skyproof.studies.receiver_model import ChannelNoise, model_receptions
@@ -87,6 +90,46 @@ def test_a_dragged_position_is_an_attack_where_it_begins():
     assert PULL_S < float((first.end_gpst - start) / np.timedelta64(1, "s")) <= PULL_S + 10.0
     assert first.data["assumes"][0] == "inertial_as_stated"
     assert {e.code for e in (first, *rest)} == {"departs"}
+
+
+def test_a_slow_drag_that_taught_one_window_is_an_attack_in_the_next():
+    # The first window is refused, not failed: it teaches, and the navigator from before it is held.
+    found = simulate_path(speed_m_s=0.7, duration_s=91.0)
+    findings, navigator = walk(found)
+    start = found[0].gpst[0]
+    refused = next(e for e in findings if e.p and e.p_value < 1e-3)
+    assert (refused.code, refused.start_gpst - start < np.timedelta64(round(PULL_S), "s")) == ("goes_on", True)
+    later = [e for e in findings if e.start_gpst > refused.start_gpst]
+    assert {(e.says, e.code, e.dated_gpst) for e in later} == {("attack", "departs", refused.start_gpst)}
+    assert navigator.until <= refused.start_gpst
+
+
+def test_a_window_is_refused_by_chance_once_in_as_many():
+    refused = _Refused(number=4, p_value=1e-5)
+    assert [refused.is_chance(learned) for learned in (5, 103, 104, 200)] == [False, False, True, True]
+
+
+def test_velocities_of_a_whole_window_show_what_the_last_does_not():
+    # As large as the noise of one, and lasting.
+    rng = np.random.default_rng(3)
+    at = [np.datetime64("2024-01-01", "ns") + np.timedelta64(second, "s") for second in range(10)]
+    sigma = np.array([1.0] * 3 + [0.05] * 3 + [1.0, 0.05])
+
+    def make(mean, sigma):
+        return [
+            NavEstimate(gpst=gpst, mean=row, covariance=np.diag(sigma**2)) for gpst, row in zip(at, mean, strict=True)
+        ]
+
+    course = _Course(None, tuple(make(np.zeros((10, 8)), 0.01 * sigma)))
+    clean, dragged = [], []
+    for _ in range(2000):
+        noise = sigma * rng.standard_normal((10, 8))
+        clean.append(course.fit_p_value(make(noise, sigma)))
+        dragged.append(course.fit_p_value(make(noise + np.repeat([0.0, 0.1, 0.0], [3, 1, 4]), sigma)))
+    for level in (0.1, 0.01):
+        assert stats.binomtest(int(np.sum(np.array(clean) < level)), 2000, level, alternative="greater").pvalue > 1e-3
+    assert np.mean(np.array(clean) < 0.1) > 0.04
+    assert np.median(dragged) < 1e-5
 
 
 def test_codes_drawn_off_alone_are_no_error_of_the_unit():

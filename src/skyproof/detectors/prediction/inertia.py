@@ -1,17 +1,20 @@
 """Test whether a fix departs from the inertial prediction.
 
-Fixes of every window that follows its prediction and in which no other test fails correct the navigator, and
-at the end of each the next fix, position and velocity, is held against it: the squared distance over both covariances
-is chi-square if the signals are true and the unit errs no more than is stated of it (`navigation.inertial_predictor`).
-From the first window on that departs, or in which any receiver is attacked, the unit runs free. Clocks are not
-compared here, and correct the navigator for the first `clean_start_s` only: inertia does not see one that is pushed.
+Fixes of every window that follows its prediction and in which no other test fails correct the navigator, and the last
+fix of the next, position and velocity, is held against it: the squared distance over both covariances is chi-square if
+the signals are true and the unit errs no more than is stated of it (`navigation.inertial_predictor`). So is that fix
+with the velocity of the whole window: where a drag lasts, it shows above the noise of one. From the first window on
+that departs, or in which any receiver is attacked, the unit runs free. Clocks are not compared here, and correct the
+navigator for the first `clean_start_s` only: inertia does not see one that is pushed.
 
 A drag that is slower than what one window notices draws the navigator along. So some navigators run free beside it,
 from before the last windows on: each fix is held against all of them, and as old ones notice slow drags better, up to
-an age at which their drift outweighs it, those are kept that notice slower ones than all younger do. Once the signals
-part, the unit goes back to the youngest navigator that all older ones predict, one window earlier at least, and that
-dates the parting. The slowest drag that any of them notices stands in each finding: what is slower may have led the
-navigator away all the time (`CorrectedNavigator`).
+an age at which their drift outweighs it, those are kept that notice slower ones than all younger do; and that from
+before a window that is refused without failing, as long as one of so many windows is not refused so by chance. Once the
+signals part, the unit goes back to the youngest navigator that all older ones predict, one window earlier at least and
+before any such window, and that dates the parting. The younger ones still notice best, and fixes are held against them,
+too. The slowest drag that any of them notices stands in each finding: what is slower may have led the navigator away
+all the time (`CorrectedNavigator`).
 
 What leaves it may be false signals, reflections or the unit. It is an attack only where the rest shows it too without
 any two of the satellites, for reflections are some satellites', and the unit is not to blame. Whatever a unit errs by
@@ -147,25 +150,6 @@ class _Free:
 
 
 @dataclass(frozen=True, eq=False)
-class _Shown:
-    """What a window's set shows, its last fix, and what navigators predict then, the youngest first.
-
-    carried : those navigators, then. p_value : of so large a distance from any of them.
-    """
-
-    sky: ConsistentSet
-    fix: SkyFix
-    last: NavEstimate
-    carried: tuple[Inertial, ...]
-    expected: tuple[NavEstimate, ...]
-    p_values: tuple[float, ...]
-
-    @property
-    def p_value(self) -> float:
-        return min(1.0, len(self.p_values) * min(self.p_values))
-
-
-@dataclass(frozen=True, eq=False)
 class _Look:
     """At one instant: velocity by the unit (3,), and what position and velocity by the signals are more (6,).
 
@@ -176,6 +160,89 @@ class _Look:
     speed_m_s: Reals
     apart: Reals
     covariance: Reals
+
+
+@dataclass(frozen=True, eq=False)
+class _Course:
+    """What a navigator predicts through a window, at the instants of its fixes. carried : to the last of them."""
+
+    carried: Inertial
+    each: tuple[NavEstimate, ...]
+
+    def at(self, gpst: np.datetime64) -> NavEstimate | None:
+        """Return what it predicts for an instant; a fix without some satellites is off theirs by nanoseconds."""
+        if not self.each:
+            return None
+        off_s = np.asarray(seconds_between(np.array([expected.gpst for expected in self.each]), gpst), np.float64)
+        nearest = int(np.argmin(np.abs(off_s)))
+        if abs(off_s[nearest]) > POLICY.label_off_s:
+            return None
+        expected = self.each[nearest]
+        moved_m = np.append(-off_s[nearest] * expected.mean[3:6], np.zeros(5))
+        return replace(expected, gpst=gpst, mean=expected.mean + moved_m)
+
+    def compare(self, fixes: Sequence[NavEstimate]) -> list[_Look]:
+        """Compare both velocities."""
+        found = list[_Look]()
+        for fix in fixes:
+            near = found and float(seconds_between(fix.gpst, found[-1].gpst)) < POLICY.look_interval_s
+            if near or fix.there.size < 6 or (expected := self.at(fix.gpst)) is None:
+                continue
+            apart = fix.mean[:6] - expected.mean[:6]
+            found.append(_Look(fix.gpst, expected.mean[3:6], apart, fix.covariance[:6, :6]))
+        return found
+
+    def average(self, fixes: Sequence[NavEstimate], expected: NavEstimate) -> NavEstimate:
+        """Return the last fix with a velocity that is off the predicted one as all are on average.
+
+        Reflections differ from second to second, as where fixes correct a navigator. What is predicted errs no more on
+        average than at the end.
+        """
+        last, looks = fixes[-1], self.compare(fixes)
+        mean, covariance = last.mean.copy(), last.covariance.copy()
+        mean[3:6] = expected.mean[3:6] + np.mean([look.apart[3:] for look in looks], axis=0)
+        lasted_s = float(seconds_between(looks[-1].gpst, looks[0].gpst))
+        covariance[3:6] /= 1.0 + np.floor(lasted_s / FUSION.learned_interval_s)
+        covariance[:, 3:6] = covariance[3:6].T
+        return replace(last, mean=mean, covariance=covariance)
+
+    def fit_p_value(self, fixes: Sequence[NavEstimate]) -> float:
+        """Return the chance that fixes are so far off, by the last velocity or by all: of a drag that has just begun,
+        or that lasts. Of fixes of other instants it is 1."""
+        if not fixes or (expected := self.at(fixes[-1].gpst)) is None:
+            return 1.0
+        return min(1.0, 2.0 * min(fit_p_value(expected, fix) for fix in (fixes[-1], self.average(fixes, expected))))
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """What a window's set shows, those of its fixes that have velocities, and what navigators predict of them.
+
+    courses : the youngest first. p_value : of so large a distance from any of them.
+    """
+
+    sky: ConsistentSet
+    fix: SkyFix
+    moving: tuple[NavEstimate, ...]
+    courses: tuple[_Course, ...]
+    p_values: tuple[float, ...]
+
+    @property
+    def p_value(self) -> float:
+        return min(1.0, len(self.p_values) * min(self.p_values))
+
+    @property
+    def last(self) -> NavEstimate:
+        return self.moving[-1]
+
+    @property
+    def likeliest(self) -> int:
+        """The navigator that notices best."""
+        return int(np.argmin(self.p_values))
+
+    def predict_last(self, number: int) -> NavEstimate:
+        """Return what a navigator predicts of the last fix."""
+        return self.courses[number].each[-1]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -190,6 +257,18 @@ class _Learned:
     hidden_m: float
 
 
+@dataclass(frozen=True)
+class _Refused:
+    """The first window that hardly follows, and the least p-value since. number : of windows that taught before it."""
+
+    number: int
+    p_value: float
+
+    def is_chance(self, learned: int) -> bool:
+        """Tell whether one of so many windows may be refused so by chance. learned : how many have taught by now."""
+        return (learned - self.number) * self.p_value >= FUSION.refused_probability
+
+
 @dataclass(eq=False, kw_only=True)
 class _Walk:
     """Of one receiver, window by window. Its lists are replaced, never changed.
@@ -197,7 +276,8 @@ class _Walk:
     clock_until : when clocks cease to correct the navigator. kind : of the signals that corrected it first. early :
     starts of those windows that did until then. until : the end of the last. learned : how many did.
     attacked : since when any receiver is. free : navigators from before windows that corrected the youngest, the
-    youngest first. recent : those windows. parted : when inertia and signals did. looks : since then.
+    youngest first. recent : those windows. refused : one of them that was,
+    while that is no chance. parted : when inertia and signals did. looks : since then.
     """
 
     predictor: Inertial
@@ -216,6 +296,7 @@ class _Walk:
     attacked: np.datetime64 | None = None
     free: list[_Free] = field(default_factory=list)
     recent: list[_Learned] = field(default_factory=list)
+    refused: _Refused | None = None
     parted: np.datetime64 | None = None
     looks: list[_Look] = field(default_factory=list)
     named: bool = False
@@ -253,9 +334,24 @@ class _Walk:
             self._start_free_run(window, best)
         elif is_clean:
             self._add_hidden(window, best)
-            self._learn(window, best.fix, best.sky, self._find_free(best))
-            self.went_on += 1
+            self._follow(window, best)
         return going_on
+
+    def _follow(self, window: SkyCandidates, shown: _Shown) -> None:
+        """Correct the navigator, and keep the one from before a window that was refused while that is no chance.
+
+        Of so many windows as since then one is refused by chance as likely as the least p-value so many times.
+        """
+        if shown.p_value < (1.0 if self.refused is None else self.refused.p_value):
+            self.refused = _Refused(self.learned if self.refused is None else self.refused.number, shown.p_value)
+        if self.refused is not None and self.refused.is_chance(self.learned + 1):
+            self.refused = None
+        every = self._list_free(shown)
+        kept = _keep_useful(every, shown.last.gpst)
+        if self.refused is not None:
+            kept += [free for free in every if free.learned == self.refused.number and free not in kept]
+        self._learn(window, shown.fix, shown.sky, sorted(kept, key=lambda free: -free.learned))
+        self.went_on += 1
 
     @property
     def navigator(self) -> CorrectedNavigator:
@@ -301,19 +397,18 @@ class _Walk:
             _, self.hidden_m_s = self._find_least(shown)
             self.hidden_m += self.hidden_m_s * float(seconds_between(window.end, window.start))
 
-    def _find_free(self, shown: _Shown) -> list[_Free]:
-        """Return the navigators that notice drags best, and that are not corrected by a window's fixes."""
+    def _list_free(self, shown: _Shown) -> list[_Free]:
+        """Return all navigators as they are without a window's fixes, and the drags that they notice."""
         before = [
             (self.predictor, self.learned, self.until, self.hidden_m),
             *((navigator.predictor, navigator.learned, navigator.until, navigator.hidden_m) for navigator in self.free),
         ]
-        every = [
-            _Free(predictor, carried, learned, until, self._find_noticed(shown, number)[1], hidden)
-            for number, ((predictor, learned, until, hidden), carried) in enumerate(
-                zip(before, shown.carried, strict=True)
+        return [
+            _Free(predictor, course.carried, learned, until, self._find_noticed(shown, number)[1], hidden)
+            for number, ((predictor, learned, until, hidden), course) in enumerate(
+                zip(before, shown.courses, strict=True)
             )
         ]
-        return _keep_useful(every, shown.last.gpst)
 
     def _learn(self, window: SkyCandidates, fix: SkyFix, sky: ConsistentSet, free: list[_Free]) -> None:
         """Correct the navigator. free : those that run on without."""
@@ -345,20 +440,18 @@ class _Walk:
         if self.predictor.state is None:
             return None
         fix = self._fix(window, sky)
-        moving = [navigator for navigator in fix.each if navigator.there.size >= 6]
+        moving = tuple(estimate for estimate in fix.each if estimate.there.size >= 6)
         if not moving:
             return None
-        last = moving[-1]
-        carried = tuple(
-            navigator.until(last.gpst) for navigator in (self.predictor, *(free.carried for free in self.free))
-        )
-        expected = tuple(known for navigator in carried if (known := _predict_fix(navigator, last.gpst)) is not None)
-        if len(expected) < len(carried):
+        navigators = (self.predictor, *(free.carried for free in self.free))
+        every = (_run_through(moving, navigator) for navigator in navigators)
+        courses = tuple(course for course in every if course.at(moving[-1].gpst) is not None)
+        if len(courses) < len(navigators):
             self.free = []  # readings end, or are missing
-            carried, expected = carried[:1], expected[:1]
-        if not expected:
+            courses = courses[:1]
+        if not courses:
             return None
-        return _Shown(sky, fix, last, carried, expected, tuple(fit_p_value(navigator, last) for navigator in expected))
+        return _Shown(sky, fix, moving, courses, tuple(course.fit_p_value(moving) for course in courses))
 
     def _start_free_run(self, window: SkyCandidates, shown: _Shown) -> None:
         """Let the unit run free from now on: from the latest window until which the signals may have been true.
@@ -368,46 +461,35 @@ class _Walk:
         """
         if self.parted is not None:
             return
-        self.parted = window.start
-        for young, mean in enumerate(shown.expected):
-            older = shown.expected[young + 1 :]
+        learned = (self.learned, *(navigator.learned for navigator in self.free))
+        expected = [shown.predict_last(number) for number in range(len(shown.courses))]
+        for young, mean in enumerate(expected):
+            older = expected[young + 1 :]
             certain = NavEstimate(
                 gpst=mean.gpst, mean=mean.mean, covariance=np.where(np.isfinite(mean.covariance), 0.0, np.inf)
             )
-            if all(fit_p_value(navigator, certain) >= FUSION.refused_probability for navigator in older):
+            untouched = self.refused is None or learned[young] <= self.refused.number
+            if untouched and all(fit_p_value(navigator, certain) >= FUSION.refused_probability for navigator in older):
                 break
-        starts = {navigator.number: navigator for navigator in self.recent}
-        if young > 0 and (first := starts.get(self.free[young - 1].learned)) is not None:
-            self.parted = first.start
+        self.parted = next((taught.start for taught in self.recent if taught.number >= learned[young]), window.start)
         # The window before may hold the beginning of what is noticed now.
         back = max(young, min(len(self.free), 1))
+        younger = self._list_free(shown)[:back]
         if back > 0:
             free = self.free[back - 1]
             self.predictor, self.learned, self.hidden_m = free.predictor, free.learned, free.hidden_m
             self.early, self.until = self.early[: free.learned], free.until
-            after = (navigator for navigator in self.recent if navigator.number >= free.learned)
-            self.looks = [
-                *self.looks,
-                *(look for navigator in after for look in self._compare_velocities(navigator.fix)),
-            ]
-        self.free, self.recent = [], []
+        fixes = (taught.fix for taught in self.recent if taught.number >= self.learned)
+        self.looks = [*self.looks, *(look for fix in fixes for look in self._compare_velocities(fix))]
+        self.free, self.recent = younger, []  # the younger notice best
 
     def _compare_velocities(self, fix: SkyFix) -> list[_Look]:
         """Compare both velocities through a window."""
-        ahead, found = self.predictor, list[_Look]()
-        for epoch_fix in fix.each:
-            near = found and float(seconds_between(epoch_fix.gpst, found[-1].gpst)) < POLICY.look_interval_s
-            if near or epoch_fix.there.size < 6:
-                continue
-            ahead = ahead.until(epoch_fix.gpst)
-            if (expected := ahead.at(epoch_fix.gpst)) is not None:
-                apart = epoch_fix.mean[:6] - expected.mean[:6]
-                found.append(_Look(epoch_fix.gpst, expected.mean[3:6], apart, epoch_fix.covariance[:6, :6]))
-        return found
+        return [] if self.predictor.state is None else _run_through(fix.each, self.predictor).compare(fix.each)
 
     def _report(self, window: SkyCandidates, shown: _Shown) -> Finding:
         """Return the window's finding: an attack where no benign cause remains."""
-        off = shown.last.mean - shown.expected[int(np.argmin(shown.p_values))].mean
+        off = shown.last.mean - shown.predict_last(shown.likeliest).mean
         why, benign = self._find_benign(window, shown)
         off_m = float(np.linalg.norm(off[:3]))
         data: dict[str, Datum] = {"statistic": off_m, "off_m_s": float(np.linalg.norm(off[3:6]))}
@@ -423,7 +505,7 @@ class _Walk:
 
     def _report_pass(self, shown: _Shown) -> Finding:
         """Return that a window follows the prediction, and what drag would have been noticed in it."""
-        off = shown.last.mean - shown.expected[0].mean
+        off = shown.last.mean - shown.predict_last(0).mean
         jump_m, drag_m_s = self._find_least(shown)
         return self.report.find(
             list_refs(self.maker.log.receiver, shown.sky.signals),
@@ -435,7 +517,7 @@ class _Walk:
 
     def _find_least(self, shown: _Shown) -> tuple[float, float]:
         """Return the smallest jump, m, and the slowest drag, m/s, that any of the navigators would have noticed."""
-        found = [self._find_noticed(shown, number) for number in range(len(shown.expected))]
+        found = [self._find_noticed(shown, number) for number in range(len(shown.courses))]
         jump_m, drag_m_s = np.min(found, axis=0)
         return float(jump_m), float(drag_m_s)
 
@@ -447,13 +529,14 @@ class _Walk:
         """
         free = self.predictor if number == 0 else self.free[number - 1].predictor
         assert free.state is not None
-        rows = np.intersect1d(shown.expected[number].there, shown.last.there)[:6]
+        expected = shown.predict_last(number)
+        rows = np.intersect1d(expected.there, shown.last.there)[:6]
         block = np.ix_(rows, rows)
         jump_m = compute_least_move_m(
-            shown.expected[number].covariance[block] + shown.last.covariance[block],
+            expected.covariance[block] + shown.courses[number].average(shown.moving, expected).covariance[block],
             shown.last.mean[:3],
             dof=rows.size,
-            false_alarm_probability=self.alpha / len(shown.expected),
+            false_alarm_probability=self.alpha / (2 * len(shown.courses)),
         )
         return jump_m, jump_m / float(seconds_between(shown.last.gpst, free.state.gpst))
 
@@ -483,11 +566,13 @@ class _Walk:
     def _drop_two_satellites(self, window: SkyCandidates, shown: _Shown) -> float:
         """Return the largest p-value without any two satellites; 1 where too few are left."""
 
+        number = len(shown.courses)
+        course = shown.courses[shown.likeliest]
+
         def p_values(pairs: Iterable[tuple[str, ...]]) -> Iterator[float]:
             for pair in pairs:
-                fix = self.maker.compute_last_fix(window, shown.sky, pair)
-                expected = None if fix is None else _predict_fix(self.predictor, fix.gpst)
-                yield 1.0 if fix is None or expected is None else fit_p_value(expected, fix)
+                each = self.maker.compute_fixes(window, shown.sky, pair)
+                yield min(1.0, number * course.fit_p_value([fix for fix in each if fix.there.size >= 6]))
 
         sats = sorted({signal.sat for signal in shown.sky.signals})
         return largest_p_value_without(sats, p_values, least=POLICY.least_satellites, enough=self.alpha)
@@ -504,10 +589,14 @@ class _Walk:
         return float(np.linalg.norm(alone, axis=1).max() * readings.interval_s)
 
 
-def _predict_fix(predictor: Inertial, gpst: np.datetime64) -> NavEstimate | None:
-    """Return what a fix would show, but for its clock."""
-    expected = predictor.at(gpst)
-    return None if expected is None else mark_unknown(expected, _CLOCK)
+def _run_through(fixes: Sequence[NavEstimate], navigator: Inertial) -> _Course:
+    """Run a navigator through the instants of fixes."""
+    each = list[NavEstimate]()
+    for fix in fixes:
+        navigator = navigator.until(fix.gpst)
+        if (expected := navigator.at(fix.gpst)) is not None:
+            each.append(mark_unknown(expected, _CLOCK))
+    return _Course(navigator, tuple(each))
 
 
 def _keep_useful(free: Sequence[_Free], gpst: np.datetime64) -> list[_Free]:
