@@ -43,12 +43,14 @@ class SpinArm:
 
     rate_sigma_rad_s : 0 if the rate is known exactly. Its sign, like the angle of the start, does not matter where
         signals are compared with each other.
+    pattern_sigma_m : of the phase, by the antenna's pattern, as it turns; None if not known.
     """
 
     receiver: str
     radius_m: float
     rate_rad_s: float
     rate_sigma_rad_s: float = 0.0
+    pattern_sigma_m: float | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

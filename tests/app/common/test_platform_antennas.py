@@ -53,4 +53,8 @@ def test_an_arm_turns_with_its_rate() -> None:
     assert (arm.receiver, arm.radius_m) == ("rx", 0.0951)
     assert arm.rate_rad_s == pytest.approx(-0.5 * np.pi)
     assert arm.rate_sigma_rad_s == pytest.approx(0.002 * np.pi)
+    assert arm.pattern_sigma_m is None
+    spin = {"radius_m": 0.0951, "rate_hz": 0.25}
+    (arm,) = build_spin_arms(make_tables(spin=spin, antenna_pattern_sigma_m=0.005))
+    assert arm.pattern_sigma_m == 0.005
     assert build_spin_arms(make_tables()) == ()

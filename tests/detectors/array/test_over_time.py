@@ -102,6 +102,8 @@ def test_windows_and_blocks_spend_what_the_windows_have():
 def test_the_pattern_of_antennas_is_never_forgotten():
     assert pattern_share(0.0101, L1_HZ) == pytest.approx(0.271, abs=1e-3)
     assert pattern_share(0.0, L1_HZ) == 1.0
+    assert pattern_share(0.0101, L1_HZ, 0.0) == 0.0
+    assert pattern_share(0.03, L1_HZ, 0.005) == pytest.approx(0.767, abs=1e-3)
 
 
 def test_a_false_signal_below_each_window_is_named_by_four():

@@ -56,6 +56,7 @@ def build_spin_arms(tables: Mapping[str, PlatformReceiver]) -> tuple[SpinArm, ..
             radius_m=table.spin.radius_m,
             rate_rad_s=2.0 * pi * table.spin.rate_hz,
             rate_sigma_rad_s=2.0 * pi * table.spin.rate_sigma_hz,
+            pattern_sigma_m=table.antenna_pattern_sigma_m,
         )
         for name, table in tables.items()
         if table.spin is not None

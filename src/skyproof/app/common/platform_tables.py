@@ -143,7 +143,7 @@ class PlatformReceiver(Model):
         ge=0.0,
         le=0.1,
         description="One sigma of each antenna's phase from direction to direction, by its own pattern and its "
-        "neighbours, metres; if absent 0.004 in an array.",
+        "neighbours, metres; if absent 0.004 in an array and 0.001 on an arm.",
         examples=[0.004],
     )
     line_bias_cyc: tuple[Number, ...] | None = Field(

@@ -77,10 +77,11 @@ def share_after_averaging(duration_s: float) -> float:
     return float(2.0 / x * (1.0 - (1.0 - np.exp(-x)) / x)) if x > 1e-4 else 1.0
 
 
-def pattern_share(lasting_sigma_cyc: float, carrier_hz: float) -> float:
+def pattern_share(lasting_sigma_cyc: float, carrier_hz: float, pattern_sigma_m: float | None = None) -> float:
     """Return the largest share of a phase's lasting variance that antenna patterns cause, and that stays."""
-    pattern_cyc = POLICY.pattern_sigma_m * carrier_hz / SPEED_OF_LIGHT_M_S
-    return (pattern_cyc / max(lasting_sigma_cyc, pattern_cyc)) ** 2
+    pattern_m = POLICY.pattern_sigma_m if pattern_sigma_m is None else pattern_sigma_m
+    pattern_cyc = pattern_m * carrier_hz / SPEED_OF_LIGHT_M_S
+    return (pattern_cyc / max(lasting_sigma_cyc, pattern_cyc)) ** 2 if pattern_cyc else 0.0
 
 
 def alpha_alone(false_alarm_probability: float) -> float:

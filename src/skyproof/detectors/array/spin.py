@@ -114,12 +114,18 @@ def estimate_levels(
         subtract_mean(phase_cyc), angle_rad, radius_cyc=radius_cyc, sigma_cyc=sigma_cyc, degree=degree, time=time_s
     )
     sigmas_cyc = np.hypot(
-        np.median(observations.carrier_sigma_cyc[np.ix_(epochs, channels)], axis=0), lasting_sigma_cyc
+        np.median(observations.carrier_sigma_cyc[np.ix_(epochs, channels)], axis=0),
+        _add_pattern(lasting_sigma_cyc, arm, float(observations.carrier_hz[channels[0]])),
     )
     bent = find_bent_signals(
         phase_cyc, angle_rad, sigmas_cyc, degree=degree, time=time_s, accept_probability=accept_probability
     )
     return Levels(channels, fit.level, np.asarray(np.linalg.inv(fit.information), np.float64), channels[bent])
+
+
+def _add_pattern(lasting_sigma_cyc: float, arm: SpinArm, carrier_hz: float) -> float:
+    """Return what lasts in a phase in step with the arm, with what is stated of the antenna's pattern."""
+    return float(np.hypot(lasting_sigma_cyc, (arm.pattern_sigma_m or 0.0) * carrier_hz / SPEED_OF_LIGHT_M_S))
 
 
 # The detector ---------------------------------------------------------------------------------------------------------
@@ -248,7 +254,8 @@ class Spin:
         shape = (1, channels.size, 3)
         carrier_hz = observations.carrier_hz[channels]
         wavelength_m = SPEED_OF_LIGHT_M_S / carrier_hz[0]
-        lasting = self.settings.lasting_sigma_cyc * wavelength_m / arm.radius_m
+        lasting_cyc = _add_pattern(self.settings.lasting_sigma_cyc, arm, float(carrier_hz[0]))
+        lasting = lasting_cyc * wavelength_m / arm.radius_m
         sigma = POLICY.level_scale_cyc * np.sqrt(np.linalg.eigvalsh(levels.covariance).max() + lasting**2)
         phases = ArrayPhases(
             receiver=observations.receiver,
@@ -279,7 +286,7 @@ class Spin:
         alone_report = Reporter(alone, records, report.hypothesis)
         found = alone.judge(alone_report, view, records.navigation)
         block = _to_north(block_from_view(view, POLICY.level_scale_cyc * lasting * np.array([0.0, 1.0, 1.0]), records))
-        share = pattern_share(self.settings.lasting_sigma_cyc, float(carrier_hz[0]))
+        share = pattern_share(lasting_cyc, float(carrier_hz[0]), arm.pattern_sigma_m)
         waiting[observations.receiver], found = judge.judge_with_blocks(
             alone_report, found, waiting.get(observations.receiver, Waiting()), block, view, records.navigation, share
         )
