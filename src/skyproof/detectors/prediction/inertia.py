@@ -13,7 +13,8 @@ an age at which their drift outweighs it, those are kept that notice slower ones
 before a window that is refused without failing, as long as one of so many windows is not refused so by chance. Once the
 signals part, the unit goes back to the youngest navigator that all older ones predict, one window earlier at least and
 before any such window, and that dates the parting. The younger ones still notice best, and fixes are held against them,
-too. The slowest drag that any of them notices stands in each finding: what is slower may have led the navigator away
+too; without some satellites only against those that no such window corrected, which the same satellites may have put
+off. The slowest drag that any of them notices stands in each finding: what is slower may have led the navigator away
 all the time (`CorrectedNavigator`).
 
 What leaves it may be false signals, reflections or the unit. It is an attack only where the rest shows it too without
@@ -164,8 +165,12 @@ class _Look:
 
 @dataclass(frozen=True, eq=False)
 class _Course:
-    """What a navigator predicts through a window, at the instants of its fixes. carried : to the last of them."""
+    """What a navigator predicts through a window, at the instants of its fixes.
 
+    learned : how many windows had corrected it. carried : to the last fix.
+    """
+
+    learned: int
     carried: Inertial
     each: tuple[NavEstimate, ...]
 
@@ -234,11 +239,6 @@ class _Shown:
     @property
     def last(self) -> NavEstimate:
         return self.moving[-1]
-
-    @property
-    def likeliest(self) -> int:
-        """The navigator that notices best."""
-        return int(np.argmin(self.p_values))
 
     def predict_last(self, number: int) -> NavEstimate:
         """Return what a navigator predicts of the last fix."""
@@ -443,8 +443,8 @@ class _Walk:
         moving = tuple(estimate for estimate in fix.each if estimate.there.size >= 6)
         if not moving:
             return None
-        navigators = (self.predictor, *(free.carried for free in self.free))
-        every = (_run_through(moving, navigator) for navigator in navigators)
+        navigators = ((self.learned, self.predictor), *((free.learned, free.carried) for free in self.free))
+        every = (_run_through(moving, navigator, learned) for learned, navigator in navigators)
         courses = tuple(course for course in every if course.at(moving[-1].gpst) is not None)
         if len(courses) < len(navigators):
             self.free = []  # readings end, or are missing
@@ -485,11 +485,15 @@ class _Walk:
 
     def _compare_velocities(self, fix: SkyFix) -> list[_Look]:
         """Compare both velocities through a window."""
-        return [] if self.predictor.state is None else _run_through(fix.each, self.predictor).compare(fix.each)
+        return (
+            []
+            if self.predictor.state is None
+            else _run_through(fix.each, self.predictor, self.learned).compare(fix.each)
+        )
 
     def _report(self, window: SkyCandidates, shown: _Shown) -> Finding:
         """Return the window's finding: an attack where no benign cause remains."""
-        off = shown.last.mean - shown.predict_last(shown.likeliest).mean
+        off = shown.last.mean - shown.predict_last(int(np.argmin(shown.p_values))).mean
         why, benign = self._find_benign(window, shown)
         off_m = float(np.linalg.norm(off[:3]))
         data: dict[str, Datum] = {"statistic": off_m, "off_m_s": float(np.linalg.norm(off[3:6]))}
@@ -564,10 +568,20 @@ class _Walk:
         return "blow" if self._find_blow_m_s(window) > POLICY.blow_m_s else None
 
     def _drop_two_satellites(self, window: SkyCandidates, shown: _Shown) -> float:
-        """Return the largest p-value without any two satellites; 1 where too few are left."""
+        """Return the largest p-value without any two satellites; 1 where too few are left.
 
+        By the navigator that notices best of those that no refused window has corrected: reflections of the two in such
+        a one would have put it off what the others show.
+        """
         number = len(shown.courses)
-        course = shown.courses[shown.likeliest]
+        pure = [
+            (p_value, course)
+            for p_value, course in zip(shown.p_values, shown.courses, strict=True)
+            if self.refused is None or course.learned <= self.refused.number
+        ]
+        if not pure:
+            return UNTESTED
+        course = min(pure, key=lambda held: held[0])[1]
 
         def p_values(pairs: Iterable[tuple[str, ...]]) -> Iterator[float]:
             for pair in pairs:
@@ -589,14 +603,14 @@ class _Walk:
         return float(np.linalg.norm(alone, axis=1).max() * readings.interval_s)
 
 
-def _run_through(fixes: Sequence[NavEstimate], navigator: Inertial) -> _Course:
-    """Run a navigator through the instants of fixes."""
+def _run_through(fixes: Sequence[NavEstimate], navigator: Inertial, learned: int) -> _Course:
+    """Run a navigator through the instants of fixes. learned : how many windows had corrected it."""
     each = list[NavEstimate]()
     for fix in fixes:
         navigator = navigator.until(fix.gpst)
         if (expected := navigator.at(fix.gpst)) is not None:
             each.append(mark_unknown(expected, _CLOCK))
-    return _Course(navigator, tuple(each))
+    return _Course(learned, navigator, tuple(each))
 
 
 def _keep_useful(free: Sequence[_Free], gpst: np.datetime64) -> list[_Free]:
