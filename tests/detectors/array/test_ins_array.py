@@ -223,6 +223,23 @@ def test_patterns_of_antennas_do_not_add_up_to_an_alarm():
         assert not any(e.failed for e in evidence)
 
 
+def test_in_a_sky_that_fails_a_signal_unlike_true_ones_is_not_authentic(monkeypatch):
+    # Too near to its satellite to be named so rarely, too far to be one of the true ones.
+    monkeypatch.setattr("skyproof.detectors.array.ins_array.select_reflections", lambda *given, **more: {})
+    doubted = 0
+    for beside_deg in np.arange(1.0, 4.0, 0.25):
+        direction = TRUE.copy()
+        direction[:, 2] = direction_cosines(np.radians(40.0), np.radians(-25.0))
+        turned = Rotation.from_euler("z", beside_deg, degrees=True)
+        direction[:, 4] = turned.apply(TRUE[:, 4])
+        records = draw_array_records(np.random.default_rng(8), direction)
+        evidence, _ = InsArray(replace(IDEAL, false_alarm_probability=1e-8)).examine(records)
+        shown = {ref.signal for e in evidence if e.says in ("authentic", "spoofed") or e.failed for ref in e.signals}
+        assert shown == set(SIGNALS)
+        doubted += any(e.code == "not_late" for e in evidence)
+    assert doubted
+
+
 def test_false_directions_are_among_the_directions_given():
     direction = TRUE.copy()
     direction[:, 2:4] = direction_cosines(np.radians(40.0), np.radians(-25.0))  # down is positive in the body

@@ -337,6 +337,8 @@ class InsArray:
             )
             found += [self._find_repeated(report, view, rows, chance) for rows, chance in by_place.alike]
             found += self._find_reflected(report, view, by_place.reflected)
+            if agreed.p_value < alpha:
+                found += self._find_doubtful(report, view)
         if found:
             return [*found, *self._test_rest(report, view, found)]
         if agreed.p_value >= alpha:
@@ -497,6 +499,21 @@ class InsArray:
                 data: dict[str, Datum] = {"sats": tuple(ref.signal.sat for ref in refs)}
                 found.append(report.find(refs, code, p, singled_out=True, data=data))
         return found
+
+    def _find_doubtful(self, report: Reporter, view: ArrayView) -> list[Finding]:
+        """Return which signals of a sky that fails true ones are rarely like, though none would be named for it.
+
+        That directions differ shows none of them to be true.
+        """
+        p_values = np.minimum(1.0, len(view.refs) * view.agreed.p_values)
+        rare = POLICY.fitted_missed_probability
+        rows = [k for k in view.agreed.doubtful if p_values[k] < rare]
+        if not rows:
+            return []
+        refs = tuple(view.refs[k] for k in rows)
+        p = {Cause.CLEAN: float(p_values[rows].max()), **leave_open((Cause.REFLECTIONS, Cause.FAULT))}
+        data: dict[str, Datum] = {"sats": tuple(ref.signal.sat for ref in refs)}
+        return [report.find(refs, "not_late", p, singled_out=True, data=data, alpha=rare)]
 
     def _is_behind_transmitter(self, view: ArrayView, k: int, rows: list[int]) -> bool:
         """Tell if a signal could come from the place of false ones, none of them of its satellite.
