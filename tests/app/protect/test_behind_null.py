@@ -50,6 +50,7 @@ def test_positions_of_a_jammed_array_go_on_behind_a_null(tmp_path):
     assert np.sum(elapsed_s > ONSET_S + 0.5) > 25
     assert errors_m.max() < 15.0
     assert "behind a null" in result.verdict.assumed
+    assert result.verdict.interference.state == "present"
     assert not any(signal.label == "spoofed" for signal in result.verdict.signals)
 
 
@@ -71,6 +72,17 @@ def test_a_clean_array_is_tracked_once(tmp_path, monkeypatch):
     monkeypatch.setattr(behind_null, "track", lambda *_, **__: pytest.fail("tracked again"))
     result, _ = judge_array(tmp_path)
     assert result.verdict.receivers[0].behind_null is None
+
+
+@pytest.mark.long
+def test_an_array_that_is_jammed_from_the_start_is_judged_behind_a_null(tmp_path):
+    jammer = CHIRP.model_copy(update={"onset_s": -1.0})
+    result, r = judge_array(tmp_path, duration_s=26.0, interference=(jammer,))
+    assert (result.verdict.verdict, result.verdict.interference.state) == ("no_attack_seen", "present")
+    assert "behind a null" in result.verdict.inputs[0].left_out[0]
+    errors_m, _ = measure_errors_m(r)
+    assert errors_m.size > 100
+    assert errors_m.max() < 15.0
 
 
 @pytest.mark.long

@@ -3,7 +3,8 @@
 The samples' own covariance shows what stands above the noise (`recording.null`). Where an epoch has no fix of
 satellites and its samples hold such a source, the recording is tracked a second time without it, and what that gives
 is judged as one receiver alone is: behind the null there is no array any more. So its fixes are *consistent* at most,
-and no word and no label of the run changes by them.
+and no word and no label of the run changes by them. Of one array on which no test could run as recorded, word and
+labels are those that one receiver has behind the null.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,6 +16,7 @@ import numpy as np
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import asked
+from skyproof.app.protect.explanation import why_untested
 from skyproof.app.protect.judging import find_tracks, judge
 from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
 from skyproof.app.protect.positions import BehindNull, Positions
@@ -22,11 +24,14 @@ from skyproof.app.receive.policy import POLICY
 from skyproof.app.receive.reception import observe
 from skyproof.app.receive.tracker import track
 from skyproof.arrays import Booleans, Reals
+from skyproof.fusion.fuse import Decision
+from skyproof.fusion.interference import Spell
 from skyproof.interruption import has_come
 from skyproof.navigation.predictor import Predictor
 from skyproof.navigation.window import median_interval_s
 from skyproof.recording.null import BLOCK_S, measure_rise, take_out_sources
-from skyproof.records import MeasurementSource, NavigationData, ObservationLog, Samples
+from skyproof.records import MeasurementSource, NavigationData, ObservationLog, Samples, VerdictWord
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["recover_behind_nulls"]
 
@@ -44,61 +49,95 @@ def recover_behind_nulls(
 ) -> Outcome:
     """Return the outcome with fixes behind a null, of arrays that have none at epochs with a source above the noise.
 
+    Of one array on which no test could run, it is the outcome behind the null.
+
     sources : of the receivers, as they were opened: what is removed from antennas one by one spoils a common null.
     """
-    receivers = []
-    for r, source in zip(outcome.receivers, sources, strict=True):
-        behind = None if r.positions is None else _track_again(r, source, navigation, settings, progress, predictors)
-        if behind is not None and r.positions is not None:
-            positions = replace(r.positions, behind_null=behind)
-            r = replace(r, positions=positions, tracks=find_tracks(positions))
+    alone = len(sources) == 1 and why_untested(outcome) is not None
+    receivers, decision = [], outcome.decision
+    for r, samples in zip(outcome.receivers, sources, strict=True):
         receivers.append(r)
-    return replace(outcome, receivers=tuple(receivers))
+        if not isinstance(samples, Samples) or not samples.others or not (alone or r.positions) or has_come():
+            continue
+        lacking_s = np.arange(0.0, samples.duration_s, BLOCK_S)
+        if not alone and r.positions is not None:
+            lacking_s = r.positions.log.elapsed_s[~r.fixed_by_satellites]
+        rises = _measure_rises(samples, lacking_s)
+        if not np.any(rises > 1.0):
+            continue
+        rise = float(np.median(rises[rises > 1.0]))
+        progress.say(f"{samples.name}: a source above the noise costs positions; tracked again behind a null")
+        combined = [take_out_sources(samples, POLICY.most_sky_hz)]
+        (tracker,), interrupted = track(combined, settings, progress, navigation, asked=asked(), as_one=True)
+        if interrupted:
+            continue
+        reception = observe(tracker, navigation, diagnose=False)
+        if alone:
+            why = (
+                f"as recorded no test could run: all is behind a null of a source {_to_db(rise):.0f} dB above the noise"
+            )
+            reception = replace(reception, remarks=(Remark(why, RemarkKind.BEARS), *reception.remarks))
+        found, _ = judge([reception], navigation, settings, progress, predictors=predictors)
+        (behind,) = found.receivers
+        positions = None if behind.positions is None else _keep_consistent(behind.positions)
+        if alone and positions is not None:
+            outcome, decision, r = found, found.decision, replace(behind, positions=positions, tracks={})
+        if r.positions is not None:
+            receivers[-1] = _add_fixes(r, found.decision.verdict, positions, rise)
+            since_s, until_s = lacking_s[rises > 1.0][[0, -1]]
+            decision = _add_interference(decision, r.positions.log, since_s, until_s, rise)
+    return replace(outcome, receivers=tuple(receivers), decision=decision)
 
 
-def _track_again(
-    r: ReceiverOutcome,
-    samples: MeasurementSource,
-    navigation: NavigationData | None,
-    settings: Settings,
-    progress: Progress,
-    predictors: Mapping[str, Predictor],
-) -> BehindNull | None:
-    """Track and judge an array's recording behind a null; None where no source costs a fix."""
-    if not isinstance(samples, Samples) or not samples.others or r.positions is None or has_come():
-        return None
-    log, lacking = r.positions.log, ~r.fixed_by_satellites
-    rise = np.ones(lacking.size)
-    rise[lacking] = _measure_rises(samples, log.elapsed_s[lacking])
-    covered = rise > 1.0
-    if not covered.any():
-        return None
-    progress.say(f"{samples.name}: sources above the noise cost positions; tracked again behind a null")
-    combined = [take_out_sources(samples, POLICY.most_sky_hz)]
-    (tracker,), interrupted = track(combined, settings, progress, navigation, asked=asked(), as_one=True)
-    if interrupted:
-        return None
-    outcome, _ = judge(
-        [observe(tracker, navigation, diagnose=False)], navigation, settings, progress, predictors=predictors
-    )
-    positions, epochs = _keep_consistent(outcome.receivers[0].positions), np.zeros_like(lacking)
-    if positions is not None and positions.log.gpst.size == lacking.size:
-        track_ = positions.track("consistent")
-        epochs = lacking & (track_ is not None and track_.fixed)
-    return BehindNull(
-        word=outcome.decision.verdict,
-        positions=positions,
+def _add_fixes(r: ReceiverOutcome, word: VerdictWord, behind: Positions | None, rise: float) -> ReceiverOutcome:
+    """Add consistent fixes behind a null at the epochs at which a receiver has none of satellites."""
+    assert r.positions is not None
+    log, fixed = r.positions.log, r.fixed_by_satellites
+    track_ = None if behind is None else behind.track("consistent")
+    epochs = ~fixed & track_.fixed if track_ is not None and track_.fixed.size == fixed.size else np.zeros_like(fixed)
+    found = BehindNull(
+        word=word,
+        positions=behind,
         epochs=epochs,
-        seconds=float(np.sum(epochs)) * (median_interval_s(log.elapsed_s) if lacking.size > 1 else 0.0),
-        source_to_noise=float(np.median(rise[covered])) - 1.0,
-        cost_db=None if positions is None else _measure_cost_db(positions.log, epochs & covered, ~lacking),
+        seconds=float(np.sum(epochs)) * (median_interval_s(log.elapsed_s) if fixed.size > 1 else 0.0),
+        source_to_noise=rise - 1.0,
+        cost_db=None if behind is None else _measure_cost_db(behind.log, epochs, fixed),
     )
+    positions = replace(r.positions, behind_null=found)
+    return replace(r, positions=positions, tracks=find_tracks(positions))
 
 
-def _keep_consistent(positions: Positions | None) -> Positions | None:
+def _add_interference(decision: Decision, log: ObservationLog, since_s: float, until_s: float, rise: float) -> Decision:
+    """Add a source that costs positions to the interference, where no test names it.
+
+    since_s, until_s : its first and last epoch, after the first sample. rise : of an antenna's noise by it, a factor.
+    """
+    spells = decision.interference or ()
+    if decision.verdict == "spoofed" or any(spell.receiver == log.receiver for spell in spells):
+        return decision
+    first, last = (min(int(row), log.gpst.size - 1) for row in np.searchsorted(log.elapsed_s, [since_s, until_s]))
+    spell = Spell(
+        receiver=log.receiver,
+        carriers=("L1",),
+        since_gpst=log.gpst[first],
+        until_gpst=None if last == log.gpst.size - 1 else log.gpst[last],
+        fall_db=_to_db(rise),
+        sigma_db=POLICY.rise_sigma_db,
+        level_db=_to_db(rise),
+        level_sigma_db=POLICY.rise_sigma_db,
+        lost=0,
+        signs=("level",),
+        may_be_shade=False,
+    )
+    return replace(decision, interference=(*spells, spell))
+
+
+def _to_db(ratio: float) -> float:
+    return 10.0 * float(np.log10(ratio))
+
+
+def _keep_consistent(positions: Positions) -> Positions:
     """Return positions none of which is trusted."""
-    if positions is None:
-        return None
     nothing = np.zeros_like(positions.log.measured)
     return replace(positions, masks={**positions.masks, "trusted": lambda: nothing})
 

@@ -229,7 +229,7 @@ def _describe_null(r: ReceiverOutcome) -> NullResult | None:
     """Describe what was found behind a null."""
     if r.positions is None or (behind := r.positions.behind_null) is None:
         return None
-    track = None if behind.positions is None else behind.positions.track("consistent")
+    track = r.tracks.get("consistent")
     fixed = np.flatnonzero(behind.epochs)
     gpst = [format_iso(track.gpst[row], DIGITS) for row in fixed[[0, -1]]] if track is not None and fixed.size else None
     return NullResult(

@@ -187,6 +187,7 @@ def _run(given: _Given, out: Path | None, progress: Progress) -> tuple[ProtectRe
         )
         interrupted |= cut_short
         outcome = recover_behind_nulls(outcome, sources, navigation, settings, progress, ready.predictors)
+        receptions = [r.reception for r in outcome.receivers]
         if (untested := why_untested(outcome)) is not None:
             if interrupted:
                 raise KeyboardInterrupt(f"interrupted before any test could run, and nothing was written: {untested}")
@@ -243,8 +244,8 @@ def _receive_all(
         units=units,
         look=preview.look if len(recordings) == len(sources) else None,
     )
-    if not interrupted and len(recordings) == len(sources):
-        require_signals(trackers)
+    if not interrupted and len(recordings) == len(sources) and not any(samples.others for samples in recordings):
+        require_signals(trackers)  # an array may hold some behind a null
     tracked = iter(trackers)
 
     def received(source: Samples | ObservedFile) -> Reception:

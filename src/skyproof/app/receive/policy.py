@@ -89,6 +89,9 @@ class ReceivePolicy:
         "Sixteen satellites at the most power, -153 dBW, over noise of 290 K, -204 dBW/Hz: 51 dB-Hz each.",
         "IS-GPS-200N, 6.3.1",
     )
+    rise_sigma_db: float = number(
+        0.5, "dB", "Assumed: antennas differ by as much in what they receive from one direction; noise adds far less."
+    )
     sure_m: float = number(75.0, "m", "A quarter of a chip: a prediction that leads a loop to its signal.")
     sure_m_s: float = number(10.0, "m/s", "A carrier of 50 Hz: a prediction that leads a loop to its signal.")
 
