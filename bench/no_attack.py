@@ -49,7 +49,15 @@ STREET_M = 40.0
 SATELLITES = 12
 LOWEST_DBHZ, HELD_DBHZ = 40.0, 28.0
 WALLS = 0.3
-TAKEN = ("pseudorange_sigma_m", "carrier_sigma_cyc", "doppler_sigma_hz", "status", "carrier_hz", "half_cycle_open")
+TAKEN = (
+    "pseudorange_sigma_m",
+    "carrier_sigma_cyc",
+    "doppler_sigma_hz",
+    "status",
+    "carrier_hz",
+    "half_cycle_open",
+    "quadrature_m",
+)
 AGAINST = ("spoofed", "attack")
 
 

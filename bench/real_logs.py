@@ -93,6 +93,7 @@ def take_rows(o: Observations, rows: Indices) -> Observations:
         "missed_elapsed_s": np.where(first > 0, cells["elapsed_s"][np.maximum(first - 1, 0)], np.nan)[signals],
         "carrier_hz": o.carrier_hz[signals],
         "half_cycle_open": o.half_cycle_open[rows][:, signals],
+        "quadrature_m": o.quadrature_m[rows][:, signals],
     }
     kept = {name: values[:, signals] if values.ndim == 2 else values for name, values in cells.items()}
     return replace(o, signals=tuple(o.signals[k] for k in signals), **kept, **channels)

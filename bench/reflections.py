@@ -170,7 +170,8 @@ def correlated(number: int, reflected: bool, duration_s: float = 40.0) -> tuple[
     def errors(fix: Fix | None) -> list[FixErrors]:
         return [] if fix is None else [fix_errors(scene, scene.skies[0], fix)]
 
-    plain, shown = replace(positions, quadrature=None), replace(positions)  # nothing that was computed is kept
+    unseen = replace(positions.log.read(0, positions.log.gpst.size), quadrature_m=np.array(np.nan))
+    plain, shown = replace(positions, log=unseen), replace(positions)  # nothing that was computed is kept
     both = [[e for kind in ("trusted", "consistent") for e in errors(by.whole(kind))] for by in (plain, shown)]
     return Run.of(both[0]), Run.of(both[1])
 

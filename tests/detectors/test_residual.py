@@ -212,7 +212,10 @@ def draw_with_galileo(*bands):
     every = replace(
         o,
         signals=sum(galileo.values(), o.signals),
-        **{name: np.tile(getattr(o, name), (1, times)) for name in (*OBSERVABLES, "status", "half_cycle_open")},
+        **{
+            name: np.tile(getattr(o, name), (1, times))
+            for name in (*OBSERVABLES, "status", "half_cycle_open", "quadrature_m")
+        },
         **{name: np.tile(getattr(o, name), times) for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")},
     )
     return every, sky, galileo
@@ -340,3 +343,17 @@ def test_a_mixture_of_skies_far_apart_is_none_of_the_causes():
     codes_m[:, :5] += geometry.design[:, :5, :3] @ np.array([3000.0, 2600.0, 0.0])
     (finding,) = Residual().examine(replace(records, observations=(replace(o, pseudorange_m=codes_m),)))[0]
     assert finding.may_also_be == ("orbits",)
+
+
+@pytest.mark.parametrize(("seen", "misfits"), [(False, 20), (True, 0)])
+def test_reflections_that_discriminators_show_are_no_misfit(seen, misfits):
+    codes = []
+    for draw in range(20):
+        rng = np.random.default_rng(draw)
+        records = draw_scene().records(rng)
+        (o,) = records.observations
+        late_m, off_m = 12.0 * rng.standard_normal((2, len(o.signals)))
+        shown_m = np.broadcast_to(off_m, o.pseudorange_m.shape) if seen else np.array(np.nan)
+        reflected = replace(o, pseudorange_m=o.pseudorange_m + late_m, quadrature_m=shown_m)
+        codes.append(Residual().examine(replace(records, observations=(reflected,), sets=()))[0][0].code)
+    assert sum("misfit" in code for code in codes) == misfits

@@ -20,7 +20,7 @@ def pair(invented):
 
 def take_epochs(o, rows):
     """Take the epochs with these numbers."""
-    cells = ("gpst", "elapsed_s", "status", "half_cycle_open", *OBSERVABLES)
+    cells = ("gpst", "elapsed_s", "status", "half_cycle_open", "quadrature_m", *OBSERVABLES)
     return replace(o, **{name: getattr(o, name)[rows] for name in cells})
 
 
@@ -147,7 +147,7 @@ def test_time_without_any_epoch_is_time_without_signals(invented):
             o,
             **{
                 name: getattr(o, name)[kept]
-                for name in ("gpst", "elapsed_s", "status", "half_cycle_open", *OBSERVABLES)
+                for name in ("gpst", "elapsed_s", "status", "half_cycle_open", "quadrature_m", *OBSERVABLES)
             },
         )
         for o in (invented.observations(duration_s=60, receiver=r) for r in BOTH)

@@ -32,12 +32,12 @@ def test_noise_alone_adds_next_to_nothing_and_reflections_their_size():
     rng = np.random.default_rng(4)
     thermal_m = np.full((4000, 8), 0.2)
     noise_m = thermal_m * rng.standard_normal(thermal_m.shape)
-    alone_m = estimate_reflection_sigma_m(noise_m, thermal_m, own_share=0.5)
+    alone_m = estimate_reflection_sigma_m(noise_m, thermal_m)
     assert np.sqrt(np.mean(alone_m**2)) < 0.2
     off_m = 5.0 * rng.standard_normal(thermal_m.shape)
     sigma_m = estimate_reflection_sigma_m(off_m + noise_m, thermal_m, own_share=0.0)
     error_m = 5.0 * rng.standard_normal(thermal_m.shape)
     assert 0.94 < np.mean(np.abs(error_m) < 1.96 * sigma_m) < 0.97
-    of_one_m = estimate_reflection_sigma_m(np.where(np.arange(8) == 3, np.nan, off_m), thermal_m, own_share=0.5)
+    of_one_m = estimate_reflection_sigma_m(np.where(np.arange(8) == 3, np.nan, off_m), thermal_m)
     assert np.isfinite(of_one_m).all()
-    assert not estimate_reflection_sigma_m(np.full((2, 5), np.nan), np.ones((2, 5)), own_share=0.5).any()
+    assert not estimate_reflection_sigma_m(np.full((2, 5), np.nan), np.ones((2, 5))).any()

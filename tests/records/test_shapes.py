@@ -9,7 +9,6 @@ from skyproof.gnss.time import GPS_EPOCH
 from skyproof.records import (
     ArrayPhases,
     Channels,
-    CodeQuadrature,
     Fix,
     FrontEndLevels,
     ImuSeries,
@@ -54,7 +53,6 @@ RECORDS = [
         dopplers_hz=np.zeros(1),
         value=list_numbers(K, 1, 3).astype(np.complex64),
     ),
-    CodeQuadrature(receiver="rx", signals=SIGNALS, elapsed_s=SECONDS, value_m=list_numbers(K)),
     ArrayPhases(
         receiver="rx",
         signals=SIGNALS,
@@ -129,7 +127,7 @@ def test_selected_channels_are_those_of_every_field():
     whole = RECORDS[0]
     part = whole.select_channels(np.array([1]))
     assert part.signals == SIGNALS[1:]
-    for name in (*CELLS, *SIGMAS, "status", "half_cycle_open"):
+    for name in (*CELLS, *SIGMAS, "status", "half_cycle_open", "quadrature_m"):
         np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[:, 1:])
 
 

@@ -88,7 +88,9 @@ class PlainFix(NamedTuple):
         return tuple(signal for signal, row in zip(self.signals, self.fit.rows, strict=True) if row in rows)
 
 
-def fit_layers(window: Observations, navigation: NavigationData, settings: ResidualSettings) -> tuple[PlainFix, ...]:
+def fit_layers(
+    window: Observations, navigation: NavigationData, settings: ResidualSettings, *, reflected: bool = False
+) -> tuple[PlainFix, ...]:
     """Fit one position, with a clock for each kind of signal, to each layer of the signals in a window.
 
     The first layer holds the first-found signals of the first kind of each system, the second those of the second kind,
@@ -97,9 +99,15 @@ def fit_layers(window: Observations, navigation: NavigationData, settings: Resid
     Under the null (one sky, errors as in `settings`) each statistic is chi-square. Its degrees of freedom are the
     number of satellites less three and less one per kind. No satellite is in a fit twice, since the errors of its bands
     are shared. Fits of several bands are not independent. `settings.false_alarm_probability` is that of all fits.
+
+    reflected : whether errors are also those of reflections that discriminators show.
     """
     mean, measurements, usable = measure_window(
-        window, navigation, multipath_sigma_m=settings.multipath_sigma_m, ionosphere_share=settings.ionosphere_share
+        window,
+        navigation,
+        multipath_sigma_m=settings.multipath_sigma_m,
+        ionosphere_share=settings.ionosphere_share,
+        reflected=reflected,
     )
     rank: dict[str, list[Kind]] = {}
     layers: dict[int, list[Indices]] = {}
@@ -179,7 +187,12 @@ class Residual:
             return several
         if not plain:
             return report.pass_over(every, _explain_no_fit(o, navigation, self.settings))
-        return self._test_one_sky(report, o, plain)
+        finding = self._test_one_sky(report, o, plain)
+        if finding.p.get(Cause.REFLECTIONS, 0.0) < self.settings.false_alarm_probability or _count_doubled(o):
+            return finding
+        shown = fit_layers(o, navigation, self.settings, reflected=True)
+        explained = self._test_one_sky(report, o, shown) if shown else finding
+        return finding if explained.failed else explained
 
     def _test_several_skies(self, report: Reporter, o: Observations, sets: tuple[ConsistentSet, ...]) -> Finding:
         """Return two skies or more, or that unrelated signals form as many sets by chance."""

@@ -72,7 +72,7 @@ def to_xarray(record: ObservationLog | Fix) -> Any:
     o = _read_all(record)
     cells = {
         name: (("gpst", "signal"), getattr(o, name), _get_attributes(name))
-        for name in (*OBSERVABLES, "status", "half_cycle_open")
+        for name in (*OBSERVABLES, "status", "half_cycle_open", "quadrature_m")
     }
     of_signals = {name: getattr(o, name) for name in ("carrier_hz", "found_elapsed_s", "missed_elapsed_s")}
     of_signals |= {name: [getattr(s, name) for s in o.signals] for name in ("sat", "band", "code", "copy")}
@@ -116,7 +116,7 @@ def _list_cells(log: ObservationLog) -> dict[str, NDArray[Any]]:
         **{name: names[channels, k] for k, name in enumerate(("sat", "band", "code", "copy"))},
         **{name: getattr(o, name)[rows, channels] for name in OBSERVABLES},
         "status": status[o.status[rows, channels]],
-        "half_cycle_open": o.half_cycle_open[rows, channels],
+        **{name: getattr(o, name)[rows, channels] for name in ("half_cycle_open", "quadrature_m")},
         "carrier_hz": o.carrier_hz[channels],
     }
 

@@ -21,7 +21,7 @@ __all__ = ["NothingGathered", "ObservationSpool", "gather", "rename_receiver"]
 HELD_EPOCHS: Final = 4096
 """As many are kept in memory, as one record."""
 _OF_EPOCHS: Final = ("gpst", "elapsed_s")
-_OF_CELLS: Final = (*OBSERVABLES, "status", "half_cycle_open")
+_OF_CELLS: Final = (*OBSERVABLES, "status", "half_cycle_open", "quadrature_m")
 
 
 class NothingGathered(ValueError):

@@ -73,12 +73,6 @@ class FusionPolicy:
         "1",
         "If fewer of the signals that failed a test together are authentic, that many are not just faulty ones.",
     )
-    own_reflection_share: float = number(
-        0.5,
-        "1",
-        "Chosen: of the variance by reflections, from the signal itself, for they differ; the rest from all, for "
-        "one phase may hide a reflection.",
-    )
     fix_signals: int = number(4, "1", "Three coordinates and a clock take four ranges.", "Kaplan & Hegarty, 2.5.2")
     moment_s: float = number(
         5.0, "s", "Half a usual window: so long after a loss of all signals no window speaks for the new ones."

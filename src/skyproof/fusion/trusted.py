@@ -91,7 +91,6 @@ def fix_of(
         reflected_m = estimate_reflection_sigma_m(
             np.where(usable, quadrature_m, np.nan),
             observations.pseudorange_sigma_m,
-            own_share=POLICY.own_reflection_share,
         )
     found, geometry = fix_and_geometry(
         apply_mask(observations, usable),

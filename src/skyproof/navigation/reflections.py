@@ -22,11 +22,13 @@ from skyproof.arrays import Reals
 
 __all__ = ["estimate_reflection_sigma_m"]
 
+_OWN_SHARE = 0.5
+"""Chosen, of the variance: signals differ, but one phase may hide a reflection."""
 _FEWEST = 2
 """Signals less than that have no variance of the t distribution that the mean square of theirs leads to."""
 
 
-def estimate_reflection_sigma_m(quadrature_m: Reals, thermal_m: Reals, *, own_share: float) -> Reals:
+def estimate_reflection_sigma_m(quadrature_m: Reals, thermal_m: Reals, *, own_share: float = _OWN_SHARE) -> Reals:
     """Estimate one sigma (..., k) of the errors that reflections add to averaged ranges.
 
     The variance is `own_share` of the signal's own square, the rest of that of all n signals, the sum of squares over n

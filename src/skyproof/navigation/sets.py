@@ -17,6 +17,7 @@ from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.ranges import UNKNOWN_DELAY_SIGMA_M, Ranges, compute_space_sigma_m, correct_ranges
+from skyproof.navigation.reflections import estimate_reflection_sigma_m
 from skyproof.navigation.search import SetCandidates, SetSearch, WindowRanges, compute_innovation, is_plausible, solve
 from skyproof.navigation.skies import (
     ConsistentSky,
@@ -147,18 +148,26 @@ def measure_window(
     multipath_sigma_m: float,
     ionosphere_share: float,
     min_share: float = 0.5,
+    reflected: bool = False,
 ) -> tuple[WindowMean, WindowRanges, Booleans]:
     """Bring the window's signals to its middle, and mark those with an ephemeris and a carrier.
 
     Arguments as in `find_consistent_sets`. Signals whose group delay no message gives are included, with its sigma.
+
+    reflected : whether the errors are also those of reflections that discriminators show.
     """
     mean, ranges = _average_and_range(window, navigation, min_share)
     unknown_delay_m2 = np.where(ranges.delay_unknown[0], UNKNOWN_DELAY_SIGMA_M, 0.0) ** 2
+    reflected_m = estimate_reflection_sigma_m(mean.quadrature_m, mean.sigma_m) if reflected else 0.0
     measurements = WindowRanges(
         satellite_ecef_m=ranges.satellite_ecef_m[0],
         range_m=ranges.range_m[0],
         sigma_m=np.sqrt(
-            mean.sigma_m**2 + multipath_sigma_m**2 + compute_space_sigma_m(mean.signals) ** 2 + unknown_delay_m2
+            mean.sigma_m**2
+            + multipath_sigma_m**2
+            + reflected_m**2
+            + compute_space_sigma_m(mean.signals) ** 2
+            + unknown_delay_m2
         ),
         carrier_hz=mean.carrier_hz,
         tow_s=week_and_tow(mean.gpst)[1],

@@ -19,13 +19,14 @@ r = 26 560 km and n = 1.459e-4 rad/s of GPS. So much a Doppler is off that is ta
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class WindowMean:
-    """gpst : label of the middle epoch. signals, pseudorange_m, sigma_m, carrier_hz (n,) : one for each channel that is
-    kept."""
+    """gpst : label of the middle epoch. signals, pseudorange_m, sigma_m, quadrature_m, carrier_hz (n,) : one for each
+    channel that is kept. quadrature_m : of the code discriminators, averaged as the codes are; NaN where unknown."""
 
     gpst: np.datetime64
     signals: tuple[SignalId, ...]
     pseudorange_m: Reals
     sigma_m: Reals
+    quadrature_m: Reals
     carrier_hz: Reals
 
 
@@ -64,11 +65,13 @@ def average_window(observations: Observations, *, min_share: float = 0.5) -> Win
     with np.errstate(invalid="ignore", divide="ignore"):
         mean_m = np.sum(weight * (code_m - np.nan_to_num(motion_m)), axis=0) / total
         sigma_m = np.sqrt(1.0 / total + bridge_m2)
+        quadrature_m = np.sum(np.where(weight > 0.0, weight * observations.quadrature_m[:, kept], 0.0), axis=0) / total
     return WindowMean(
         gpst=observations.gpst[middle],
         signals=tuple(observations.signals[k] for k in kept[usable]),
         pseudorange_m=mean_m[usable],
         sigma_m=sigma_m[usable],
+        quadrature_m=quadrature_m[usable],
         carrier_hz=observations.carrier_hz[kept[usable]],
     )
 

@@ -24,7 +24,6 @@ from skyproof.records import (
     ArrayPhases,
     Ccaf,
     CellStatus,
-    CodeQuadrature,
     ObservationLog,
     Observations,
     SignalId,
@@ -41,6 +40,7 @@ _AS_MEASURED = {
     "pseudorange_sigma_m": (m.CODE_SIGMA_S, SPEED_OF_LIGHT_M_S),
     "carrier_sigma_cyc": (m.CARRIER_SIGMA_CYC, 1.0),
     "doppler_sigma_hz": (m.DOPPLER_SIGMA_HZ, 1.0),
+    "quadrature_m": (m.QUADRATURE_S, SPEED_OF_LIGHT_M_S),
 }
 """Observable to column of the measurements and factor."""
 
@@ -225,16 +225,6 @@ def assemble_taps(
         dopplers_hz=dopplers_hz,
         value=value.reshape(-1, len(signals), *grid),
     )
-
-
-def assemble_quadrature(
-    receiver: str, measurements: Measurements, arcs: Mapping[int, Arc], elapsed_s: Reals, *, averaged_s: float
-) -> CodeQuadrature:
-    """Assemble what code discriminators show off their carriers as one record: rows and columns as in `assemble`."""
-    rows, columns, signals = _cells(measurements, arcs, elapsed_s, averaged_s)
-    value_m = np.full((elapsed_s.size, len(signals)), np.nan)
-    value_m[rows, columns] = SPEED_OF_LIGHT_M_S * measurements.table[:, m.QUADRATURE_S]
-    return CodeQuadrature(receiver=receiver, signals=signals, elapsed_s=elapsed_s, value_m=value_m)
 
 
 def assemble_grids(

@@ -10,7 +10,7 @@ Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views
 
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
 from skyproof.records.answer import LABELS, WORDS, Label, VerdictWord
-from skyproof.records.correlations import Asked, Ccaf, CcafAsked, CodeQuadrature, Taps, TapsAsked, TimeSliced
+from skyproof.records.correlations import Asked, Ccaf, CcafAsked, Taps, TapsAsked, TimeSliced
 from skyproof.records.estimates import (
     NOTICED,
     Baseline,
@@ -76,7 +76,6 @@ __all__ = [
     "CcafAsked",
     "CellStatus",
     "Channels",
-    "CodeQuadrature",
     "ConsistentSet",
     "Datum",
     "Direction",

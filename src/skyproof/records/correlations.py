@@ -105,27 +105,6 @@ class Taps(ShortRepr, Selectable, Channels):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class CodeQuadrature(ShortRepr, Selectable):
-    """What one receiver's code discriminators show a quarter of a cycle off the carriers.
-
-    elapsed_s : (n_epochs,) as in `Observations`.
-    value_m : (n_epochs, n_channels) early less late over prompt, imaginary part, in metres of code; NaN where nothing
-        is tracked. Zero but for noise if one signal arrives, and its noise is that of the pseudorange.
-    """
-
-    BY_ROW = ("elapsed_s", "value_m")
-    TIME = "elapsed_s"
-
-    receiver: str
-    signals: tuple[SignalId, ...]
-    elapsed_s: Reals
-    value_m: Reals
-
-    def __post_init__(self) -> None:
-        freeze(self, {"elapsed_s": ("epoch",), "value_m": ("epoch", "channel")})
-
-
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Ccaf(ShortRepr, Channels):
     """One receiver's complex correlation over a grid of delays and Dopplers (cross ambiguity function), with its noise.
 

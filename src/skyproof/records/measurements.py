@@ -57,7 +57,7 @@ OBSERVABLES: Final = (
     "doppler_sigma_hz",
 )
 """Fields of `Observations` with one real number a cell, NaN where nothing was measured."""
-_CELLS: Final = (*OBSERVABLES, "status", "half_cycle_open")
+_CELLS: Final = (*OBSERVABLES, "status", "half_cycle_open", "quadrature_m")
 _EMPTY: Final = {"status": CellStatus.NOT_TRACKED, "half_cycle_open": False}
 _OF_CHANNELS: Final = ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
 
@@ -85,7 +85,11 @@ class Observations(ShortRepr, Selectable, Channels):
     pseudorange_sigma_m, carrier_sigma_cyc, doppler_sigma_hz : thermal noise, one sigma.
     status : (n_epochs, n_channels) uint8, see CellStatus. NaN always has a reason here.
     half_cycle_open : (n_epochs, n_channels) where the carrier may be half a cycle off, for nothing gave the sign of the
-        data bits; elsewhere it is arbitrary by whole cycles only. One value at construction stands for all cells.
+        data bits; elsewhere it is arbitrary by whole cycles only.
+    quadrature_m : (n_epochs, n_channels) what the code discriminator shows a quarter of a cycle off the carrier: early
+        less late over prompt, imaginary part, in metres of code; NaN where nobody measured it. Zero but for noise if
+        one signal arrives, and its noise is that of the pseudorange. Of it and of `half_cycle_open` one value at
+        construction stands for all cells.
     found_elapsed_s : (n_channels,) when the search found the signal.
     missed_elapsed_s : (n_channels,) the last search before that which looked and did not find it; NaN if the first
         search already found it. The signal came between the two.
@@ -113,12 +117,13 @@ class Observations(ShortRepr, Selectable, Channels):
     carrier_hz: Reals = field(default_factory=lambda: np.array(np.nan))
     averaged_s: float = 0.0
     half_cycle_open: Booleans = field(default_factory=lambda: np.array(False))
+    quadrature_m: Reals = field(default_factory=lambda: np.array(np.nan))
 
     def __post_init__(self) -> None:
-        half_open = np.asarray(self.half_cycle_open, np.bool_)
         object.__setattr__(self, "carrier_hz", _carriers_hz(self.carrier_hz, self.signals))
-        if half_open.ndim == 0:
-            object.__setattr__(self, "half_cycle_open", np.full(np.shape(self.status), half_open))
+        for name in ("half_cycle_open", "quadrature_m"):
+            if np.ndim(value := getattr(self, name)) == 0:
+                object.__setattr__(self, name, np.full(np.shape(self.status), value))
         cell = ("epoch", "channel")
         freeze(
             self,

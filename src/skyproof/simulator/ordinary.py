@@ -21,7 +21,7 @@ def follow_strongest(observations: Observations) -> Observations:
     shape = o.gpst.size, len(transmissions)
     cells: dict[str, Any] = {name: np.full(shape, np.nan) for name in OBSERVABLES}
     status = np.full(shape, CellStatus.NOT_TRACKED, np.uint8)
-    half_open = np.zeros(shape, np.bool_)
+    half_open, quadrature_m = np.zeros(shape, np.bool_), np.full(shape, np.nan)
     firsts, rows = [], np.arange(o.gpst.size)
     for column, transmission in enumerate(transmissions):
         copies = np.array([k for k, signal in enumerate(o.signals) if signal.transmission == transmission])
@@ -31,6 +31,7 @@ def follow_strongest(observations: Observations) -> Observations:
             values[:, column] = getattr(o, name)[rows, chosen]
         status[:, column] = o.status[rows, chosen]
         half_open[:, column] = o.half_cycle_open[rows, chosen]
+        quadrature_m[:, column] = o.quadrature_m[rows, chosen]
         seen = np.flatnonzero(np.isfinite(cells["pseudorange_m"][:, column]))
         other = seen[1:][np.diff(chosen[seen]) != 0]
         status[other, column] = CellStatus.SLIP
@@ -40,6 +41,7 @@ def follow_strongest(observations: Observations) -> Observations:
         signals=tuple(SignalId(*transmission) for transmission in transmissions),
         status=status,
         half_cycle_open=half_open,
+        quadrature_m=quadrature_m,
         found_elapsed_s=o.found_elapsed_s[firsts],
         missed_elapsed_s=o.missed_elapsed_s[firsts],
         carrier_hz=o.carrier_hz[firsts],

@@ -50,7 +50,7 @@ NAMED = {("1 m", 6), ("5 km", 3), ("5 km", 6), ("3 km", 6), ("1 m", None), ("5 k
 """Three are too few where both receivers may hear a reflector, at 1 m, or where no C/N0 is given, at 3 km."""
 SHOWN_ENU_M, LATE_M, STRONGER_DB = (250.0, -180.0, 20.0), 900.0, 3.0
 CELLS = ("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc")
-CELLS += ("doppler_sigma_hz", "status", "half_cycle_open")
+CELLS += ("doppler_sigma_hz", "status", "half_cycle_open", "quadrature_m")
 CHANNELS = ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
 
 

@@ -16,7 +16,7 @@ from skyproof.fusion.decide import WindowWord
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource, LabelledSignal
 from skyproof.fusion.timeline import Onset
-from skyproof.records import CodeQuadrature, Fix, FixStatus, SignalRef
+from skyproof.records import Fix, FixStatus, SignalRef
 from skyproof.testing import FalseSky, MeasuredScene
 
 SCENE = MeasuredScene(
@@ -196,13 +196,8 @@ def test_what_may_be_hidden_grows_from_the_last_evidence_on():
 
 def test_reflections_that_discriminators_show_widen_a_trusted_fix_alone():
     def sigma_m(off_m, kind):
-        shown = CodeQuadrature(
-            receiver="rx1",
-            signals=WHOLE.signals,
-            elapsed_s=WHOLE.elapsed_s,
-            value_m=np.full(WHOLE.pseudorange_m.shape, off_m),
-        )
-        found = replace(read_positions(WHOLE), quadrature=shown).whole(kind)
+        shown = replace(WHOLE, quadrature_m=np.full(WHOLE.pseudorange_m.shape, off_m))
+        found = read_positions(shown).whole(kind)
         return np.sqrt(np.nanmedian(np.trace(found.covariance_m2[:, :3, :3], axis1=1, axis2=2)))
 
     without = read_positions(WHOLE).whole("trusted")

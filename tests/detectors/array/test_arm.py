@@ -80,7 +80,7 @@ def make_turning(
     for signal, epoch, size in slips:
         carrier[epoch:, signal] += size
     fields = ("pseudorange_m", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc", "doppler_sigma_hz")
-    cells = {name: getattr(o, name)[:, kept] for name in (*fields, "status", "half_cycle_open")}
+    cells = {name: getattr(o, name)[:, kept] for name in (*fields, "status", "half_cycle_open", "quadrature_m")}
     single = {name: getattr(o, name)[kept] for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")}
     # Stronger than the sum of a direct signal and its reflection, which may be 6 dB over the strongest of the others.
     cells["cn0_dbhz"] = cells["cn0_dbhz"] + np.where((kept >= n) | (moved_rad is not None) & (kept == 0), 7.0, 0.0)

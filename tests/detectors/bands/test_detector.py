@@ -42,7 +42,15 @@ def _join_signals(a: Observations, b: Observations) -> Observations:
         name: np.hstack([getattr(a, name), getattr(b, name)])
         for name in (
             *("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc"),
-            *("doppler_sigma_hz", "status", "half_cycle_open", "found_elapsed_s", "missed_elapsed_s", "carrier_hz"),
+            *(
+                "doppler_sigma_hz",
+                "status",
+                "half_cycle_open",
+                "quadrature_m",
+                "found_elapsed_s",
+                "missed_elapsed_s",
+                "carrier_hz",
+            ),
         )
     }
     return replace(a, signals=(*a.signals, *b.signals), **cells)

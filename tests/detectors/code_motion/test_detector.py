@@ -155,7 +155,7 @@ def add_second_band(drawn: Records) -> Records:
     )
     cells = {
         name: np.hstack([getattr(o, name), getattr(second, name)])
-        for name in (*OBSERVABLES, "status", "half_cycle_open")
+        for name in (*OBSERVABLES, "status", "half_cycle_open", "quadrature_m")
     }
     channels = {
         name: np.concatenate([getattr(o, name), getattr(second, name)])

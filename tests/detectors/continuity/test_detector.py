@@ -350,7 +350,13 @@ def test_a_recording_that_begins_again_is_reported():
     status = np.concatenate((o.status[:80], o.status[:80]))
     status[80] = 3
     again = replace(
-        o, gpst=o.gpst[:160], elapsed_s=o.elapsed_s[:160], status=status, half_cycle_open=np.array(False), **cells
+        o,
+        gpst=o.gpst[:160],
+        elapsed_s=o.elapsed_s[:160],
+        status=status,
+        half_cycle_open=np.array(False),
+        quadrature_m=np.array(np.nan),
+        **cells,
     )
     (first, *_) = select_failed(examine_all(again))
     assert first.data["clock_s"] == pytest.approx(16.0, abs=1e-3)
@@ -372,6 +378,7 @@ def test_missing_samples_are_reported_and_are_no_failure(motion):
         exact,
         gpst=exact.gpst[kept],
         elapsed_s=exact.elapsed_s[kept],
+        quadrature_m=np.array(np.nan),
         status=status,
         half_cycle_open=np.array(False),
         **cells,
@@ -388,7 +395,9 @@ def add_second_kind(o):
     second = tuple(replace(signal, code="W") for signal in o.signals)
     twice = {name: np.tile(getattr(o, name), (1, 2)) for name in (*OBSERVABLES, "status")}
     lives = {name: np.tile(getattr(o, name), 2) for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")}
-    return replace(o, signals=o.signals + second, half_cycle_open=np.array(False), **twice, **lives)
+    return replace(
+        o, signals=o.signals + second, half_cycle_open=np.array(False), quadrature_m=np.array(np.nan), **twice, **lives
+    )
 
 
 @pytest.mark.parametrize("only_one", [True, False], ids=["one kind", "both kinds"])
@@ -434,7 +443,15 @@ def test_signals_found_again_under_other_names_are_the_same_sky():
         for f in fields(o)
         if f.name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
     }
-    joined = replace(o, signals=all_signals, status=status, half_cycle_open=np.array(False), **cells, **lives)
+    joined = replace(
+        o,
+        signals=all_signals,
+        status=status,
+        half_cycle_open=np.array(False),
+        quadrature_m=np.array(np.nan),
+        **cells,
+        **lives,
+    )
     assert not select_failed(examine_all(joined))
     moved = cells["pseudorange_m"].copy()
     (elsewhere,) = (observe_scene(place=(400.0, 460.0)),)
@@ -526,3 +543,32 @@ def test_missing_epochs_without_dopplers_are_no_jump():
     place = scene.records(np.random.default_rng(1)).sets[0].position_ecef_m
     offset_m = build_series(o, scene.navigation, place, Limits()).offset_m
     assert np.ptp(offset_m, axis=0).max() < 10.0
+
+
+def reflect(o, row, *, seen, rng):
+    """Change all ranges from a row on as reflections do, and what discriminators show off the carriers where seen."""
+    later = np.arange(o.gpst.size)[:, None] >= row
+    late_m, off_m = 10.0 * rng.standard_normal((2, len(o.signals)))
+    noise_m = o.pseudorange_sigma_m * rng.standard_normal(o.pseudorange_m.shape)
+    return replace(
+        o,
+        pseudorange_m=o.pseudorange_m + np.where(later, late_m, 0.0),
+        quadrature_m=noise_m + np.where(later, off_m, 0.0) if seen else np.array(np.nan),
+    )
+
+
+@pytest.mark.parametrize(("seen", "steps"), [(False, 11), (True, 0)])
+def test_reflections_that_discriminators_show_are_no_step(seen, steps):
+    rng = np.random.default_rng(11)
+    reflected = [reflect(observe_scene(draw), 77, seen=seen, rng=rng) for draw in range(12)]
+    failed = [bool(select_failed(examine_all(o, multipath_sigma_m=1.0))) for o in reflected]
+    assert sum(failed) == steps
+
+
+def test_a_jump_of_a_single_sky_is_found_beside_silent_discriminators():
+    rng = np.random.default_rng(12)
+    o = observe_scene()
+    quiet = replace(o, quadrature_m=o.pseudorange_sigma_m * rng.standard_normal(o.pseudorange_m.shape))
+    moved = join_rows(quiet, observe_scene(place=(40.0, 0.0)), 77)
+    assert not select_failed(examine_all(quiet))
+    assert "position" in select_failed(examine_all(moved))[0].data["kinds"]

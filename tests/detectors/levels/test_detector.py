@@ -67,7 +67,7 @@ def examine(levels_db, *, chains: FrontEndLevels | None = None, second_db=None, 
 
 CELLS = (
     *("pseudorange_m", "carrier_cyc", "doppler_hz", "pseudorange_sigma_m", "carrier_sigma_cyc", "doppler_sigma_hz"),
-    *("status", "half_cycle_open", "found_elapsed_s", "missed_elapsed_s", "carrier_hz"),
+    *("status", "half_cycle_open", "quadrature_m", "found_elapsed_s", "missed_elapsed_s", "carrier_hz"),
 )
 
 

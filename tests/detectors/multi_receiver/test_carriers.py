@@ -211,7 +211,7 @@ def test_slips_and_half_cycles_change_nothing():
 
 def drop_epochs(observations, dropped):
     kept = np.setdiff1d(np.arange(observations.gpst.size), dropped)
-    cells = [*OBSERVABLES, "status", "half_cycle_open", "gpst", "elapsed_s"]
+    cells = [*OBSERVABLES, "status", "half_cycle_open", "quadrature_m", "gpst", "elapsed_s"]
     return replace(observations, **{name: getattr(observations, name)[kept] for name in cells})
 
 

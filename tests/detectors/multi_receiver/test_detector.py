@@ -458,7 +458,9 @@ def keep_few_satellites(records, satellites):
 
     def repeated(o):
         columns = np.tile(np.arange(satellites), len(kinds))
-        cells = {name: getattr(o, name)[:, columns] for name in (*OBSERVABLES, "status", "half_cycle_open")}
+        cells = {
+            name: getattr(o, name)[:, columns] for name in (*OBSERVABLES, "status", "half_cycle_open", "quadrature_m")
+        }
         known = {name: getattr(o, name)[columns] for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")}
         signals = tuple(SignalId(o.signals[k].sat, *kind) for kind in kinds for k in range(satellites))
         return replace(o, signals=signals, **cells, **known)

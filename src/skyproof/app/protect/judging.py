@@ -82,7 +82,6 @@ def judge(
             overlapping=overlapping.get(name, ()),
             hidden=hidden.get(name),
             rest=rest,
-            quadrature=reception.quadrature,
         )
 
     outcomes = [make_outcome(r) for r in receptions]

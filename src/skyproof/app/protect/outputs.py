@@ -220,7 +220,7 @@ def _build_signal_columns(o: Observations, labels: Any) -> dict[str, Any]:
         {"receiver": Words(np.zeros(n_epochs * n_signals, np.int8), [o.receiver])}
         | {"receiver_clock": np.repeat(o.gpst, n_signals)}
         | {name: Words(column, each) for name, each in names.items()}
-        | {name: getattr(o, name).ravel() for name in (*OBSERVABLES, "half_cycle_open")}
+        | {name: getattr(o, name).ravel() for name in (*OBSERVABLES, "half_cycle_open", "quadrature_m")}
         | {"status": Words(o.status.ravel(), words), "label": Words(labels.ravel(), LABELS)}
     )
 

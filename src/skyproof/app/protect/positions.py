@@ -23,14 +23,12 @@ from skyproof.navigation.predictor import Predictor
 from skyproof.navigation.screen import empty_epochs
 from skyproof.navigation.smooth import smooth
 from skyproof.records import (
-    CodeQuadrature,
     Fix,
     FixStatus,
     NavigationData,
     ObservationLog,
     Observations,
     SignalId,
-    TimeSliced,
     VerdictWord,
 )
 from skyproof.verdict import USABLE, Place
@@ -105,7 +103,6 @@ class Positions:
     overlapping: tuple[NavEstimate, ...] = ()
     hidden: HiddenDrag | None = None
     consistent: Callable[[], Consistent] | None = None
-    quadrature: TimeSliced[CodeQuadrature] | None = None
     behind_null: BehindNull | None = None
 
     def cut(self) -> Iterator[slice]:
@@ -178,16 +175,10 @@ class Positions:
 
     def _smooth_quadrature(self, kept: Observations, rows: slice) -> Reals | None:
         """Average what the code discriminators show off the carriers as the codes of these epochs are averaged."""
-        if self.quadrature is None:
+        if np.isnan(kept.quadrature_m).all():
             return None
-        elapsed_s = kept.elapsed_s
-        found = self.quadrature.select_between(float(elapsed_s[0]) - 1e-6, float(elapsed_s[-1]) + 1e-6)
-        value_m = np.full(kept.pseudorange_m.shape, np.nan)
-        at = np.searchsorted(elapsed_s, found.elapsed_s - 1e-6)
-        columns = np.array([kept.column_of[signal] for signal in found.signals], np.intp)
-        value_m[np.ix_(at, columns)] = found.value_m
         carrier_m = kept.carrier_cyc * SPEED_OF_LIGHT_M_S / kept.carrier_hz
-        beside = replace(kept, pseudorange_m=carrier_m + value_m)
+        beside = replace(kept, pseudorange_m=carrier_m + kept.quadrature_m)
         return (smooth(beside, window_s=self.settings.smoothing_s).pseudorange_m - carrier_m)[rows]
 
     def _is_trusted(self, mask: Booleans, first: int, stop: int) -> Booleans:
@@ -304,7 +295,6 @@ def set_up_positions(
     overlapping: tuple[NavEstimate, ...] = (),
     hidden: HiddenDrag | None = None,
     rest: Rest | None = None,
-    quadrature: TimeSliced[CodeQuadrature] | None = None,
 ) -> Positions:
     """Set up a receiver's positions of each kind.
 
@@ -341,7 +331,6 @@ def set_up_positions(
         overlapping=overlapping,
         hidden=hidden,
         consistent=select,
-        quadrature=quadrature,
     )
 
 

@@ -20,14 +20,12 @@ from skyproof.receiver.observables import (
     assemble,
     assemble_array_phases,
     assemble_grids,
-    assemble_quadrature,
     assemble_taps,
 )
 from skyproof.records import (
     AntennaArray,
     ArrayPhases,
     Ccaf,
-    CodeQuadrature,
     ObservationLog,
     Observations,
     Taps,
@@ -96,10 +94,6 @@ class Assembled:
             return None
         return _Taps(self, as_replica=True)
 
-    def quadrature(self) -> TimeSliced[CodeQuadrature]:
-        """Return what the code discriminators show off the carriers, at the epochs of the observations."""
-        return _Quadrature(self)
-
     def ccaf(self, observations: ObservationLog) -> TimeSliced[Ccaf] | None:
         """Return the correlation grids that were requested."""
         grids = self.tracker.receiver.grids
@@ -148,28 +142,6 @@ class _Taps:
             averaged_s=tracker.epoch_s,
             look_share=receiver.settings.look_share,
             as_replica=self.as_replica,
-        )
-        return found.select_between(begin_s, end_s)
-
-
-@dataclass(frozen=True, eq=False)
-class _Quadrature:
-    """`TimeSliced[CodeQuadrature]` of a tracked recording."""
-
-    of: Assembled
-
-    @property
-    def receiver(self) -> str:
-        return self.of.tracker.samples.name
-
-    def select_between(self, begin_s: float, end_s: float) -> CodeQuadrature:
-        rows, tracker = self.of.rows_between(begin_s, end_s), self.of.tracker
-        found = assemble_quadrature(
-            self.receiver,
-            tracker.measured.read(rows.start + 1, rows.stop + 1),
-            self.of.arcs,
-            self.of.elapsed_s[rows],
-            averaged_s=tracker.epoch_s,
         )
         return found.select_between(begin_s, end_s)
 

@@ -28,7 +28,6 @@ from skyproof.records import (
     AntennaArray,
     ArrayPhases,
     Ccaf,
-    CodeQuadrature,
     MeasurementSource,
     NavigationData,
     ObservationLog,
@@ -52,7 +51,6 @@ class Reception(ShortRepr):
     same_as : the receiver whose noise it holds too, where the two are taken as one; its observations are then left out.
     messages_differ : where signals of one satellite carry different messages, in words; among the remarks as well.
     taps, ccaf : correlators beside the observations, if they were asked for. vector_taps : of vector tracking.
-    quadrature : what code discriminators show off the carriers; None of what is no recording that was tracked.
     antennas : the same signals at the same epochs on each antenna, where the receiver has several.
     measured_on : number, from 0, of the antenna whose measurements `observations` are: the first, or if that has
         clearly fewer the one that has most. In a snapshot all antennas share them, and it is the first of these.
@@ -72,7 +70,6 @@ class Reception(ShortRepr):
     taps: TimeSliced[Taps] | None = None
     vector_taps: TimeSliced[Taps] | None = None
     ccaf: TimeSliced[Ccaf] | None = None
-    quadrature: TimeSliced[CodeQuadrature] | None = None
     antennas: tuple[ObservationLog, ...] = ()
     measured_on: int = 0
     array_phases: TimeSliced[ArrayPhases] | None = None
@@ -126,7 +123,7 @@ def observe(
     orbits = navigation if navigation is not None else decoded
     antennas: tuple[ObservationLog, ...] = ()
     best = 0
-    observations = phases = taps = vector_taps = ccaf = quadrature = None
+    observations = phases = taps = vector_taps = ccaf = None
     if label is not None:
         best = _choose_antenna(tracker.measured.counts(tracker.arcs))
         assembled = Assembled(tracker, tracker.arcs, label)
@@ -139,7 +136,6 @@ def observe(
         antennas = assembled.split_antennas(biases_s, workspace or Workspace())
         observations = antennas[best]
         taps, vector_taps, ccaf = assembled.taps(), assembled.vector_taps(), assembled.ccaf(observations)
-        quadrature = assembled.quadrature()
         if array is not None:
             phases = assembled.array_phases(array, observations.gpst)
         remarks += _remark_on_late(antennas, best, samples.rate_hz)
@@ -173,7 +169,6 @@ def observe(
         taps=taps,
         vector_taps=vector_taps,
         ccaf=ccaf,
-        quadrature=quadrature,
         antennas=antennas if len(antennas) > 1 else (),
         measured_on=best,
         array_phases=phases,

@@ -23,11 +23,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from skyproof.arrays import Booleans, Indices, Instants, Reals
+from skyproof.arrays import Indices, Instants, Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.code_motion.laws import (
     CodeMotionLimits,
-    CodeStep,
     chance_of_clock,
     chance_of_motion,
     chance_without_two,
@@ -37,6 +36,7 @@ from skyproof.detectors.code_motion.policy import POLICY
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.fix import FixGeometry, fix_and_geometry
+from skyproof.navigation.reflections import estimate_reflection_sigma_m
 from skyproof.records import (
     Cause,
     Datum,
@@ -166,16 +166,21 @@ class CodeMotion:
                 why = NotTested("few_fixes", {"receiver": o.receiver, "needed": _TAIL + 1})
                 found += [] if part != _WHOLE else [report.pass_over(refs, why)]
                 continue
-            motion = compute_code_steps(
-                series.elapsed_s, series.fix.position_ecef_m, series.clock_m, series.fix.covariance_m2
-            )
-            new = series.rows[motion.row] >= begin
-            if new.any() or part == _WHOLE:
-                found += self._test_motion(report, refs, series, motion, new, part, len(parts))
+            findings = self._test_motion(report, refs, series, begin, part, len(parts))
+            if any(e.failed and e.code != "jumps_by_all" for e in findings) and np.isfinite(joined.quadrature_m).any():
+                shown = self._series(joined, navigation, begin, reflected=True)
+                explained = self._test_motion(report, refs, shown or series, begin, part, len(parts))
+                findings = findings if any(e.failed for e in explained) else explained
+            found += findings
         return found, after
 
-    def _series(self, o: Observations, navigation: NavigationData, begin: int) -> _Series | None:
-        """Return the fixes that have redundancy; None without any. begin : the first epoch that is not remembered."""
+    def _series(
+        self, o: Observations, navigation: NavigationData, begin: int, *, reflected: bool = False
+    ) -> _Series | None:
+        """Return the fixes that have redundancy; None without any.
+
+        begin : the first epoch that is not remembered. reflected : whether reflections that discriminators show count.
+        """
         if not o.signals:
             return None
         fix, geometry = fix_and_geometry(
@@ -184,6 +189,7 @@ class CodeMotion:
             multipath_sigma_m=self.settings.multipath_sigma_m,
             elevation_mask_deg=self.settings.elevation_mask_deg,
             false_alarm_probability=POLICY.fault_probability,
+            reflected_sigma_m=estimate_reflection_sigma_m(o.quadrature_m, o.pseudorange_sigma_m) if reflected else None,
         )
         used = np.isfinite(geometry.sigma_m) & np.isfinite(geometry.misfit_m)
         normalised = np.where(used, geometry.misfit_m / np.where(used, geometry.sigma_m, 1.0), 0.0)
@@ -216,12 +222,17 @@ class CodeMotion:
         report: Reporter,
         signals: tuple[SignalRef, ...],
         series: _Series,
-        motion: CodeStep,
-        new: Booleans,
+        begin: int,
         part: _Part,
         n_parts: int,
     ) -> list[Finding]:
-        """Test position and clock of a part's signals."""
+        """Test position and clock of a part's signals. begin : as of `_series`."""
+        motion = compute_code_steps(
+            series.elapsed_s, series.fix.position_ecef_m, series.clock_m, series.fix.covariance_m2
+        )
+        new = series.rows[motion.row] >= begin
+        if not new.any() and part != _WHOLE:
+            return []
         three = motion.row[:, None] - np.arange(3)
         dof = series.dof[three].min(axis=1).astype(np.float64)
         misfit, degrees = series.misfit[three].sum(axis=1), series.dof[three].sum(axis=1)

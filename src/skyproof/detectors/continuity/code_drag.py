@@ -26,6 +26,7 @@ from skyproof.detectors.continuity.policy import POLICY
 from skyproof.detectors.continuity.series import Series
 from skyproof.detectors.continuity.steps import fit_jump
 from skyproof.detectors.continuity.whole_sky import SkyChange, SkyMotion, estimate_motions, select_least_likely
+from skyproof.navigation.reflections import estimate_reflection_sigma_m
 from skyproof.records import Observations
 
 __all__ = ["find_code_drags"]
@@ -93,25 +94,27 @@ def _average_quarters(series: Series, span_s: float, multipath_sigma_m: float) -
     starts = np.array([first, *edges])
     if np.any(np.diff([*starts, t.size]) <= 0):
         return None
-    mean_m, mean_m2 = _average_from(series, starts)
+    mean_m, mean_m2 = _average_from(series, series.offset_m, starts)
+    quadrature_m, _ = _average_from(series, series.quadrature_m, starts)
+    reflected_m2 = estimate_reflection_sigma_m(quadrature_m, np.sqrt(mean_m2)) ** 2
     bridged_m2 = 0.5 * (series.bridge_m2[-1] - series.bridge_m2[first])
     time_s = float(t[starts[-1] :].mean() - t[first : starts[1]].mean())
     slow_m2 = multipath_sigma_m**2 + 0.5 * (POLICY.ionosphere_sigma_m_s * time_s) ** 2
-    return _Quarters(mean_m, mean_m2 + bridged_m2 + slow_m2, time_s)
+    return _Quarters(mean_m, mean_m2 + bridged_m2 + reflected_m2 + slow_m2, time_s)
 
 
-def _average_from(series: Series, starts: Indices) -> tuple[Reals, Reals]:
-    """Average offsets (q, m), weighted by noise, from each of `starts` to the next; also return their variance.
+def _average_from(series: Series, values_m: Reals, starts: Indices) -> tuple[Reals, Reals]:
+    """Average values (q, m), weighted by noise, from each of `starts` to the next; also return their variance.
 
     NaN where nothing is known.
     """
     first = int(starts[0])
-    offset_m, variance_m2 = series.offset_m[first:], series.variance_m2[first:]
-    known = np.isfinite(offset_m) & (variance_m2 > 0.0)
+    values_m, variance_m2 = values_m[first:], series.variance_m2[first:]
+    known = np.isfinite(values_m) & (variance_m2 > 0.0)
     weight = np.where(known, 1.0 / np.where(known, variance_m2, 1.0), 0.0)
     total = np.add.reduceat(weight, starts - first, axis=0)
     information = np.where(total > 0.0, total, np.nan)
-    sums = np.add.reduceat(weight * np.where(known, offset_m, 0.0), starts - first, axis=0)
+    sums = np.add.reduceat(weight * np.where(known, values_m, 0.0), starts - first, axis=0)
     return sums / information, 1.0 / information
 
 

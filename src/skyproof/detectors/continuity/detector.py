@@ -259,18 +259,26 @@ class _Window:
         stretch = look.stretch
         since_s = stretch.elapsed_s[min(look.new, stretch.gpst.size - 1)] - self.limits.span_s
         found: list[tuple[frozenset[Kind], Step]] = []
-        rows = [(series, np.flatnonzero(group.elapsed_s > since_s)) for group, series in groups]
-        steps = find_largest_steps(rows, self.limits, alpha=self.alpha / max(len(groups), 1))
-        for (group, series), step in zip(groups, steps, strict=True):
-            if step is not None:
-                row, number = int(np.searchsorted(stretch.elapsed_s, group.elapsed_s[step.row])), len(groups)
-                whole = replace(step, p_value=min(1.0, number * step.p_value), tests=number * step.tests)
-                if whole.p_value < self.alpha:
-                    looked_s = float(stretch.elapsed_s[-1] - since_s)
-                    causes = p_values_by_cause(series, step.row, whole, self.limits, span_s=looked_s)
-                    whole = replace(whole, causes=tuple(causes.items()))
-                step = replace(whole, row=row)
-                found.append((frozenset(signal.kind for signal in group.signals), step))
+        rows = [(series.unseen, np.flatnonzero(group.elapsed_s > since_s)) for group, series in groups]
+        number, looked_s = len(groups), float(stretch.elapsed_s[-1] - since_s)
+
+        def count_groups(step: Step) -> Step:
+            return replace(step, p_value=min(1.0, number * step.p_value), tests=number * step.tests)
+
+        steps = find_largest_steps(rows, self.limits, alpha=self.alpha / max(number, 1))
+        for (group, series), (unseen, looked), step in zip(groups, rows, steps, strict=True):
+            if step is None:
+                continue
+            whole = count_groups(step)
+            if whole.p_value < self.alpha:
+                causes = p_values_by_cause(unseen, step.row, whole, self.limits, span_s=looked_s)
+                whole = replace(whole, causes=tuple(causes.items()))
+                if series is not unseen and causes[Cause.REFLECTIONS] >= self.alpha:
+                    (shown,) = find_largest_steps([(series, looked)], self.limits, alpha=self.alpha / number)
+                    if shown is not None and count_groups(shown).p_value >= self.alpha:
+                        whole = count_groups(shown)
+            row = int(np.searchsorted(stretch.elapsed_s, group.elapsed_s[whole.row]))
+            found.append((frozenset(signal.kind for signal in group.signals), replace(whole, row=row)))
         return tuple(found)
 
     def _find_motion(self, groups: Sequence[tuple[Observations, Series]], place_ecef_m: Reals) -> SkyMotion | None:
@@ -286,7 +294,15 @@ class _Window:
     def _find_code_drag(self, groups: Sequence[tuple[Observations, Series]]) -> SkyMotion | None:
         """Find the least likely motion that the codes of any group of kinds show, and not the carriers."""
         alpha, multipath_m = self.alpha / max(len(groups), 1), self.settings.multipath_sigma_m
-        return select_least_likely(find_code_drags(groups, multipath_sigma_m=multipath_m, alpha=alpha))
+
+        def find(series: Sequence[tuple[Observations, Series]]) -> SkyMotion | None:
+            return select_least_likely(find_code_drags(series, multipath_sigma_m=multipath_m, alpha=alpha))
+
+        motion = find([(group, series.unseen) for group, series in groups])
+        if motion is None or motion.p_value >= self.alpha or motion.whole_sky_p_value < self.alpha:
+            return motion
+        shown = find(groups)
+        return motion if shown is None or shown.p_value < self.alpha else shown
 
     def _report_continuity(self, look: _Look) -> list[Finding]:
         """Report the kinds of signals that broke, by what broke them, and the others."""

@@ -68,6 +68,7 @@ def select_one_per_transmission(
         found_elapsed_s=np.zeros(len(sent)),
         missed_elapsed_s=np.full(len(sent), np.nan),
         half_cycle_open=_WHATEVER,
+        quadrature_m=_take_chosen(o.quadrature_m[kept], used),
         **cells,
     )
     return sky, last

@@ -46,6 +46,7 @@ class Series:
 
     offset_m : level - move, constant but for jumps. variance_m2 : of its noise. move_m : what carriers and Dopplers
     show, -u . p + c clock from the first epoch on. bridge_m2 : accumulated variance of bridges by Doppler.
+    quadrature_m : what discriminators show off the carriers, as in `Observations`.
     rate_m_s, rate_m2_s2 : -u . v + c drift, and its variance.
     divides : (n_epochs,) nothing was measured for a while before, or nearly all carriers broke: what lies on the two
     sides is compared at this epoch only. broke : (n_epochs,) that it was the carriers. all_broke : (n_epochs,) that
@@ -57,12 +58,19 @@ class Series:
     variance_m2: Reals
     move_m: Reals
     bridge_m2: Reals
+    quadrature_m: Reals
     rate_m_s: Reals
     rate_m2_s2: Reals
     divides: Booleans
     broke: Booleans
     all_broke: Booleans
     unit: Reals
+
+    @property
+    def unseen(self) -> "Series":
+        """Return the same without what discriminators show of reflections; itself where nothing is known."""
+        known = np.isfinite(self.quadrature_m).any()
+        return replace(self, quadrature_m=np.full(self.quadrature_m.shape, np.nan)) if known else self
 
 
 class _Columns(NamedTuple):
@@ -75,6 +83,7 @@ class _Columns(NamedTuple):
     variance_m2: Reals
     move_m: Reals
     bridge_m2: Reals
+    quadrature_m: Reals
     rate_m_s: Reals
     rate_m2_s2: Reals
     unit: Reals
@@ -150,6 +159,7 @@ def _compute_columns(o: Observations, navigation: NavigationData, place_ecef_m: 
         variance_m2=o.pseudorange_sigma_m**2,
         move_m=move_m,
         bridge_m2=sum_from_zero(np.where(whole, 0.0, np.nan_to_num(bridge_m2))),
+        quadrature_m=o.quadrature_m,
         rate_m_s=rates.measured_m_s,
         rate_m2_s2=rates.sigma_m_s**2,
         unit=unit,
@@ -169,6 +179,7 @@ def _join_columns(elapsed_s: Reals, columns: _Columns, all_broke: Booleans) -> S
         variance_m2=columns.variance_m2,
         move_m=columns.move_m,
         bridge_m2=columns.bridge_m2,
+        quadrature_m=columns.quadrature_m,
         rate_m_s=columns.rate_m_s,
         rate_m2_s2=columns.rate_m2_s2,
         divides=broke | gap,

@@ -30,6 +30,7 @@ from skyproof.detectors.continuity.series import Limits, Series, sum_from_zero
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.least_squares import design_matrix, invert_spd
 from skyproof.navigation.raim import exclude_several, fit_whitened
+from skyproof.navigation.reflections import estimate_reflection_sigma_m
 from skyproof.records import NOTICED, Cause
 from skyproof.statistics.distributions import (
     chi_square_survival,
@@ -182,10 +183,12 @@ def compare_sides(series: Series, rows: Indices, limits: Limits) -> Sides:
     """Compare the two sides of each of `rows` (K,), the first epochs after the border."""
     level_m, level_m2 = contrast(series, series.offset_m, series.variance_m2, rows, limits.span_s)
     bridged_m2 = _bridge_variance(series, rows, limits.span_s)
+    quadrature_m, _ = contrast(series, series.quadrature_m, series.variance_m2, rows, limits.span_s)
+    reflected_m2 = estimate_reflection_sigma_m(quadrature_m, np.sqrt(level_m2)) ** 2
     rate, rate_m2 = contrast(series, series.rate_m_s, series.rate_m2_s2, rows, 0.0)  # one epoch: speeds change
     return Sides(
         level_m=level_m,
-        level_m2=level_m2 + bridged_m2 + 2.0 * limits.multipath_sigma_m**2,
+        level_m2=level_m2 + bridged_m2 + reflected_m2 + 2.0 * limits.multipath_sigma_m**2,
         rate_m_s=rate,
         rate_m2_s2=rate_m2,
         before_m_s=series.rate_m_s[rows - 1],
