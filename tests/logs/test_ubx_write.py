@@ -164,7 +164,9 @@ def test_the_strongest_copy_is_followed() -> None:
     copies = (SignalId("G05"), SignalId("G05", copy="b"), SignalId("G07"))
     levels = np.array([[40.0, 30.0, 45.0], [40.0, np.nan, 45.0], [40.0, 44.0, 45.0], [41.0, 39.0, 45.0]])
     code_m = np.where(np.isfinite(levels), 2e7 + np.arange(12.0).reshape(4, 3), np.nan)
-    picked = {name: getattr(o, name)[:, :3] for name in ("carrier_cyc", "doppler_hz", "half_cycle_open")}
+    picked = {
+        name: getattr(o, name)[:, :3] for name in ("carrier_cyc", "doppler_hz", "half_cycle_open", "quadrature_m")
+    }
     picked |= {f"{name}_sigma_{unit}": np.ones((4, 3)) for name, unit in
                (("pseudorange", "m"), ("carrier", "cyc"), ("doppler", "hz"))}  # fmt: skip
     two = replace(
