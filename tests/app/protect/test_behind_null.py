@@ -92,3 +92,13 @@ def test_one_bit_leaves_nothing_behind_a_null_and_that_is_said(tmp_path):
     assert (found.seconds, found.from_gpst) == (0.0, None)
     assert "behind this null either" in result.verdict.summary
     assert not r.has_fixes_behind_null
+
+
+def test_a_second_transmitter_behind_a_null_makes_the_run_suspect(tmp_path):
+    elsewhere = kit.TRANSMIT.model_copy(update={"lat_deg": kit.TRANSMIT.lat_deg + 0.01})
+    spoofer = Spoofer(power_db=6.0, onset_s=ONSET_S, **SPOOFER | {"transmit": elsewhere})
+    result, _ = judge_array(tmp_path, duration_s=22.0, interference=(CHIRP,), attacks=(spoofer,))
+    assert result.verdict.receivers[0].behind_null.word in ("suspect", "spoofed")
+    assert result.verdict.verdict == "suspect"
+    assert result.verdict.receivers[0].word == "suspect"
+    assert "fit positions" in result.verdict.reason

@@ -3,7 +3,9 @@
 The samples' own covariance shows what stands above the noise (`recording.null`). Where an epoch has no fix of
 satellites and its samples hold such a source, the recording is tracked a second time without it, and what that gives
 is judged as one receiver alone is: behind the null there is no array any more. So its fixes are *consistent* at most,
-and no word and no label of the run changes by them. Of one array on which no test could run as recorded, word and
+and no label of the run changes by them. Its word makes a run *suspect* that had a better one: another transmitter may
+stand beside the source. What a null leaves of the source may look like one, so the run is not *spoofed* by it. Of one
+array on which no test could run as recorded, word and
 labels are those that one receiver has behind the null.
 """
 
@@ -26,6 +28,7 @@ from skyproof.app.receive.tracker import track
 from skyproof.arrays import Booleans, Reals
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.interference import Spell
+from skyproof.fusion.suspicion import Suspicion
 from skyproof.interruption import has_come
 from skyproof.navigation.predictor import Predictor
 from skyproof.navigation.window import median_interval_s
@@ -37,6 +40,7 @@ __all__ = ["recover_behind_nulls"]
 
 _LOOK_S: Final = 0.01
 """Of each block, where it is only asked whether it holds a source."""
+_BAD: Final = ("suspect", "spoofed")
 
 
 def recover_behind_nulls(
@@ -86,6 +90,7 @@ def recover_behind_nulls(
             receivers[-1] = _add_fixes(r, found.decision.verdict, positions, rise)
             since_s, until_s = lacking_s[rises > 1.0][[0, -1]]
             decision = _add_interference(decision, r.positions.log, since_s, until_s, rise)
+            decision = _add_doubt(decision, found, r.positions.log.receiver)
     return replace(outcome, receivers=tuple(receivers), decision=decision)
 
 
@@ -130,6 +135,27 @@ def _add_interference(decision: Decision, log: ObservationLog, since_s: float, u
         may_be_shade=False,
     )
     return replace(decision, interference=(*spells, spell))
+
+
+def _add_doubt(decision: Decision, behind: Outcome, receiver: str) -> Decision:
+    """Make a run suspect if its signals behind a null are suspect, or worse."""
+    if decision.verdict in _BAD or behind.decision.verdict not in _BAD:
+        return decision
+    onset = behind.decision.onset
+    worst = next((e for e in behind.evidence if e.says in ("spoofed", "attack")), None)
+    doubt = behind.decision.suspicion or Suspicion(receivers=(receiver,), onset=onset, finding=worst, may_also_be=())
+    bad = [window for window in behind.decision.windows if window.word in _BAD]
+    windows = decision.windows
+    if bad:
+        since, until = bad[0].start_gpst, bad[-1].end_gpst
+        own = [window for window in windows if window.receiver == receiver]
+        parts = [
+            *(replace(w, end_gpst=min(w.end_gpst, since)) for w in own if w.start_gpst < since),
+            replace(bad[0], receiver=receiver, end_gpst=until, word="suspect"),
+            *(replace(w, start_gpst=max(w.start_gpst, until)) for w in own if w.end_gpst > until),
+        ]
+        windows = (*(window for window in windows if window.receiver != receiver), *parts)
+    return replace(decision, verdict="suspect", onset=onset, suspicion=doubt, windows=windows)
 
 
 def _to_db(ratio: float) -> float:
