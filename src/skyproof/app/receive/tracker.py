@@ -218,8 +218,8 @@ def _set_up_tracker(
     watchful: bool,
     asked: Asked,
     workspace: Workspace,
-    unit: AntennaUnit | None,
-    as_one: bool,
+    unit: AntennaUnit | None = None,
+    as_one: bool = False,
 ) -> Tracker:
     """Set up a recording's tracker: disturbances removed from the samples, stated gaps bridged."""
     clean, words = clean_antennas(samples)
