@@ -2,6 +2,7 @@
 
     python bench/reflections.py --skies 200                    errors of codes drawn after a measured channel
     python bench/reflections.py --correlators 40 --first 100   drawn skies behind drawn correlators, through protect
+    python bench/reflections.py --words 30 --first 200         words of such skies, 60 s, one receiver
 
 Channel: BDS B1I in a dense urban canyon, standing receiver, W. Wang et al., Satellite Navigation 1, 27 (2020), table 1:
 delays by elevation gamma, power -12.35 dB - 0.0016 dB/m, fading 0.08 Hz in the mean, lifetimes 9 s. Every satellite has
@@ -11,15 +12,18 @@ A run counts as held if 95 % of its fixes are within their bound.
 """
 
 import argparse
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import tomli_w
 from scipy.stats import genpareto
 
+from skyproof.app.receive.reception import Reception
 from skyproof.arrays import Complexes, Reals
 from skyproof.fusion.trusted import fix_of
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
@@ -33,8 +37,10 @@ from skyproof.simulator.received import Scene
 from skyproof.simulator.sky import make_scene
 from skyproof.studies.correlator_model import protect_scene
 from skyproof.studies.correlator_model.correlation import interpolate, tabulate_correlation
+from skyproof.studies.correlator_model.session import receive_antenna
 from skyproof.studies.protection.clean import clean_sky
 from skyproof.studies.protection.errors import FixErrors, fix_errors
+from skyproof.verdict import WORDS, write_word
 
 SEED = 1
 CHIP_M = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
@@ -176,6 +182,30 @@ def correlated(number: int, reflected: bool, duration_s: float = 40.0) -> tuple[
     return Run.of(both[0]), Run.of(both[1])
 
 
+def words(numbers: range, *, shown: bool) -> str:
+    """A row of how many skies have each word, with and without what the discriminators show in the tests."""
+    counts: Counter[str] = Counter()
+    for number in numbers:
+        scene = _scene(number, RUN_S, reflected=True)
+        with TemporaryDirectory(prefix="reflections") as folder:
+            platform = Path(folder) / "platform.toml"
+            platform.write_text(tomli_w.dumps({"receivers": [{"name": "rx"}]}), encoding="utf-8")
+            receive = receive_antenna if shown else _receive_unseen
+            verdict, _ = protect_scene(scene, scene.navigation, platform, scene.scenario.seed, receive)
+        counts[verdict.verdict] += 1
+    cells = " | ".join(str(counts[word]) for word in WORDS)
+    return f"| {'discriminators' if shown else 'multipath_sigma_m alone'} | {cells} |"
+
+
+def _receive_unseen(*given: Any) -> Reception:
+    """Receive without what discriminators show."""
+    reception = receive_antenna(*given)
+    log = reception.observations
+    if log is None:
+        return reception
+    return replace(reception, observations=replace(log.read(0, log.gpst.size), quadrature_m=np.array(np.nan)))
+
+
 def _scene(number: int, duration_s: float, *, reflected: bool) -> Scene:
     scenario = clean_sky(SEED, number, duration_s)
     if not reflected:
@@ -240,8 +270,14 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--skies", type=int, default=0, help="at measurement level")
     options.add_argument("--correlators", type=int, default=0, help="behind drawn correlators")
+    options.add_argument("--words", type=int, default=0, help="words behind drawn correlators")
     options.add_argument("--first", type=int, default=0, help="number of the first sky")
     chosen = options.parse_args()
+    if chosen.words:
+        print("| tests | " + " | ".join(map(write_word, WORDS)) + " |\n" + "|---" * (1 + len(WORDS)) + "|")
+        for shown in (False, True):
+            print(words(range(chosen.first, chosen.first + chosen.words), shown=shown), flush=True)
+        return
     print("| errors and bound | " + " | ".join(HEAD) + " |\n" + "|---" * (1 + len(HEAD)) + "|")
     for count, correlators in ((chosen.skies, False), (chosen.correlators, True)):
         if count:
