@@ -15,14 +15,17 @@ SPOOFER = {"shows": kit.ELSEWHERE, "transmit": kit.TRANSMIT, "clock_offset_s": 3
 CHIRP = Interference(kind="chirp", transmit=kit.TRANSMIT, power_db=30.0, sweep_hz=1e6, period_s=2e-5, onset_s=ONSET_S)
 
 
-def judge_array(folder, *, bits=8, duration_s=18.0, interference=(), attacks=()):
-    """Judge a scene of three antennas; return the result and the receiver's outcome."""
+def judge_array(folder, *, bits=8, duration_s=18.0, interference=(), attacks=(), late_samples=0):
+    """Judge a scene of three antennas, one of them late; return the result and the receiver's outcome."""
     front_end = FrontEnd(
         rate_hz=1.6e6, bandwidth_hz=1.28e6, encoding="int" if bits == 8 else "sign", bits=bits, agc=bits == 8
     )
     scenario = kit.make_array_scenario(antennas=3, duration_s=duration_s, attacks=attacks)
     scenario = scenario.model_copy(update={"interference": interference, "front_end": front_end})
     recorded = kit.record(scenario, folder)
+    if late_samples:
+        values = np.fromfile(recorded.paths[1], np.int8)
+        np.roll(values, -2 * late_samples).tofile(recorded.paths[1])
     table = {
         "name": "array",
         "inputs": [str(path) for path in recorded.paths],
@@ -102,3 +105,12 @@ def test_a_second_transmitter_behind_a_null_makes_the_run_suspect(tmp_path):
     assert result.verdict.verdict == "suspect"
     assert result.verdict.receivers[0].word == "suspect"
     assert "fit positions" in result.verdict.reason
+
+
+@pytest.mark.long
+def test_nothing_is_fixed_behind_a_null_where_there_is_no_source(tmp_path):
+    result, r = judge_array(tmp_path, interference=(CHIRP,), late_samples=1600)
+    assert result.verdict.verdict == "suspect"  # the antennas are not as stated
+    at_s = r.positions.log.elapsed_s[r.positions.behind_null.epochs]
+    assert at_s.size > 10
+    assert at_s.min() > ONSET_S - 0.2

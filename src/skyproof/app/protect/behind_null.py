@@ -87,19 +87,28 @@ def recover_behind_nulls(
         if alone and positions is not None:
             outcome, decision, r = found, found.decision, replace(behind, positions=positions, tracks={})
         if r.positions is not None:
-            receivers[-1] = _add_fixes(r, found.decision.verdict, positions, rise)
+            receivers[-1] = _add_fixes(r, found.decision.verdict, positions, rise, lacking_s[rises > 1.0])
             since_s, until_s = lacking_s[rises > 1.0][[0, -1]]
             decision = _add_interference(decision, r.positions.log, since_s, until_s, rise)
             decision = _add_doubt(decision, found, r.positions.log.receiver)
     return replace(outcome, receivers=tuple(receivers), decision=decision)
 
 
-def _add_fixes(r: ReceiverOutcome, word: VerdictWord, behind: Positions | None, rise: float) -> ReceiverOutcome:
-    """Add consistent fixes behind a null at the epochs at which a receiver has none of satellites."""
+def _add_fixes(
+    r: ReceiverOutcome, word: VerdictWord, behind: Positions | None, rise: float, disturbed_s: Reals
+) -> ReceiverOutcome:
+    """Add consistent fixes behind a null at the epochs at which a receiver has none of satellites, and a source.
+
+    disturbed_s : rising times of blocks that hold a source. Elsewhere nothing is taken out, and what the array has
+    found of the signals holds.
+    """
     assert r.positions is not None
     log, fixed = r.positions.log, r.fixed_by_satellites
     track_ = None if behind is None else behind.track("consistent")
-    epochs = ~fixed & track_.fixed if track_ is not None and track_.fixed.size == fixed.size else np.zeros_like(fixed)
+    blocks = np.unique(np.floor(disturbed_s / BLOCK_S))
+    disturbed = np.isin(np.floor(log.elapsed_s / BLOCK_S), blocks)
+    same = track_ is not None and track_.fixed.size == fixed.size
+    epochs = ~fixed & disturbed & track_.fixed if track_ is not None and same else np.zeros_like(fixed)
     found = BehindNull(
         word=word,
         positions=behind,
