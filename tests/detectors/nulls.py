@@ -101,6 +101,22 @@ def draw_unrelated(rng, spread_m=60.0):
 TAPS_SCENE = MeasuredScene(antennas_enu_m=ONE, epochs=3, step_s=0.02, max_satellites=8, cn0_dbhz=45.0)
 
 
+def track(records):
+    """Return the records as of receivers of ours: with correlators, all of which are one."""
+    taps = [
+        Taps(
+            receiver=o.receiver,
+            signals=o.signals,
+            elapsed_s=np.zeros(1),
+            delays_chips=np.zeros(1),
+            dopplers_hz=np.zeros(1),
+            value=np.ones((1, len(o.signals), 1, 1), np.complex64),
+        )
+        for o in records.observations
+    ]
+    return replace(records, taps=tuple(taps))
+
+
 def draw_vector_taps(rng, code_chips=0.0, phase_rad=0.0, n=200):
     """Draw `n` snapshots of the taps of a vector receiver's channels at the offsets."""
     records = TAPS_SCENE.records(rng)

@@ -15,6 +15,7 @@ from skyproof.detectors.array.spin import Spin, SpinSettings
 from skyproof.detectors.bands.detector import Bands, BandsSettings
 from skyproof.detectors.base import Detector
 from skyproof.detectors.code_carrier.detector import CodeCarrier, CodeCarrierSettings
+from skyproof.detectors.code_doppler.detector import CodeDoppler, CodeDopplerSettings
 from skyproof.detectors.code_motion.detector import CodeMotion, CodeMotionSettings
 from skyproof.detectors.common_change.detector import CommonChange, CommonChangeSettings
 from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
@@ -317,6 +318,14 @@ CASES = (
         400,
         ("undecided",),
         "no satellite fails in these records, nor sends a message",
+    ),
+    Case(
+        "codes that go with Dopplers",
+        lambda: CodeDoppler(CodeDopplerSettings(false_alarm_probability=0.3)),
+        lambda rng: nulls.track(MeasuredScene(epochs=12, errors=TrackErrors(1.0, constant_m=1.0)).records(rng)),
+        40,
+        400,
+        conservative="reflections may do more to codes than they do in these records",
     ),
     Case(
         "codes that go with carriers",

@@ -16,6 +16,7 @@ from skyproof.detectors.array.spin import Spin
 from skyproof.detectors.bands.detector import Bands
 from skyproof.detectors.base import NEEDS
 from skyproof.detectors.code_carrier.detector import CodeCarrier
+from skyproof.detectors.code_doppler.detector import CodeDoppler
 from skyproof.detectors.code_motion.detector import CodeMotion
 from skyproof.detectors.common_change.detector import CommonChange
 from skyproof.detectors.correlators.sqm_detector import Sqm
@@ -368,6 +369,10 @@ CASES = {
     ("code_carrier", "no_carrier"): (
         lambda: examine_all(CodeCarrier(), change_cells(clean(), carrier_cyc=drop_all, doppler_hz=drop_all)),
         "signals of rx1 have code and carrier, or Doppler",
+    ),
+    ("code_doppler", "few_epochs"): (
+        lambda: examine_all(CodeDoppler(), nulls.track(change_cells(clean(), doppler_hz=drop_all))),
+        "no signal of rx1 has code and Doppler in 8 epochs",
     ),
     ("multi_receiver", "one_set"): (
         lambda: examine_all(MultiReceiver(), replace(r := make_pair(), sets=r.sets[:1])),

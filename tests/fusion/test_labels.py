@@ -108,6 +108,15 @@ def test_a_window_speaks_for_what_fills_it(invented):
     assert list_stretches(labels) == [("unknown", 0, 9), ("spoofed", 10, 16), ("unknown", 17, 39)]
 
 
+def test_a_false_signal_that_keeps_slipping_is_spoofed_all_the_same(invented):
+    slips = list(range(0, 40, 3))
+    observed = [invented.observations(slips={"G05a": slips})]
+    (found,) = list_stretches(label_signals([invented.evidence(w, "spoofed", "G05a") for w in range(4)], observed))
+    assert found == ("spoofed", 0, 39)
+    labels = label_signals([invented.evidence(w, "authentic", "G05a") for w in range(4)], observed)
+    assert list_stretches(labels) == [("unknown", 0, 39)]
+
+
 def test_labels_stay_where_the_signal_was_measured(invented):
     observed = [invented.observations(there={"G05a": (12, 33)})]
     labels = label_signals([invented.evidence(w, "spoofed", "G05a") for w in range(4)], observed)

@@ -134,6 +134,7 @@ MADE_ELSEWHERE = {
     "bands": None,
     "base": None,
     "code_carrier": None,
+    "code_doppler": None,
     "code_motion": None,
     "divergence": None,
     "laws": None,

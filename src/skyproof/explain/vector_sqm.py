@@ -17,15 +17,7 @@ def _describe_misfit(finding: Finding) -> str:
     return (
         f"{data['channels']} channels of {finding.signals[0].receiver} do not fit one position and clock{when}; "
         f"{_name_suspects(data)} (smallest singular value of two satellites' directions {data['separability']:.2g})"
-        f"{_name_incoherent(data['incoherent'])}"
     )
-
-
-def _name_incoherent(names: tuple[str, ...]) -> str:
-    """State which codes leave their Dopplers."""
-    if not names:
-        return ""
-    return f"; the code of {', '.join(names)} does not move as its Doppler says, whatever reflects it"
 
 
 def _name_suspects(data: Mapping[str, Any]) -> str:

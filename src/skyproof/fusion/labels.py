@@ -79,7 +79,11 @@ def label_signals(evidence: Sequence[Finding], observations: Sequence[Observatio
         votes = _collect_votes(evidence, o)
         for column, signal in enumerate(o.signals):
             ref = SignalRef(o.receiver, signal)
-            pieces = [p for arc in _find_arcs(o, column) for p in _label_arc(ref, o, arc, votes.get(ref, ()), window_s)]
+            arcs = _find_arcs(o, column)
+            by_arc = _give_to_arcs(votes.get(ref, ()), arcs)
+            pieces = [
+                p for arc, given in zip(arcs, by_arc, strict=True) for p in _label_arc(ref, o, arc, given, window_s)
+            ]
             labelled += _join_pieces(pieces)
     return tuple(labelled)
 
@@ -184,13 +188,12 @@ def _find_arcs(o: ObservationLog, column: int) -> list[tuple[int, int]]:
 
 
 def _label_arc(
-    ref: SignalRef, o: ObservationLog, arc: tuple[int, int], given: Sequence[_Vote], window_s: float
+    ref: SignalRef, o: ObservationLog, arc: tuple[int, int], votes: Sequence[_Vote], window_s: float
 ) -> list[LabelledSignal]:
     """Cut an arc into stretches of one label: what windows say, and between them what both neighbours say.
 
     What only one side says holds on if it is *spoofed*; *authentic* does not.
     """
-    votes = [cut for vote in given if (cut := _cut_to_arc(vote, arc)) is not None]
     spoken = np.full(arc[1] - arc[0] + 1, SILENT)
     for vote in votes:
         window_codes = spoken[vote.first_epoch - arc[0] : vote.last_epoch - arc[0] + 1]
@@ -207,13 +210,22 @@ def _label_arc(
     ]
 
 
-def _cut_to_arc(vote: _Vote, arc: tuple[int, int]) -> _Vote | None:
-    """Cut a vote to an arc; None if little of it lies there: a window speaks for what fills it."""
-    first, last = max(vote.first_epoch, arc[0]), min(vote.last_epoch, arc[1])
-    if last - first + 1 < POLICY.window_in_arc_share * (vote.last_epoch - vote.first_epoch + 1):
-        return None
-    whole = (first, last) == (vote.first_epoch, vote.last_epoch)
-    return vote if whole else replace(vote, first_epoch=first, last_epoch=last)
+def _give_to_arcs(votes: Sequence[_Vote], arcs: Sequence[tuple[int, int]]) -> list[list[_Vote]]:
+    """Cut votes to the arcs that they speak of: a window speaks for what fills it.
+
+    Where no arc does, since a false signal keeps slipping, *spoofed* is said of all that it touches.
+    """
+    given: list[list[_Vote]] = [[] for _ in arcs]
+    firsts, lasts = np.array(arcs, np.intp).reshape(-1, 2).T
+    for vote in votes:
+        within = np.minimum(lasts, vote.last_epoch) - np.maximum(firsts, vote.first_epoch) + 1
+        chosen = within >= POLICY.window_in_arc_share * (vote.last_epoch - vote.first_epoch + 1)
+        if vote.label == "spoofed" and not chosen.any():
+            chosen = within > 0
+        for k in np.flatnonzero(chosen).tolist():
+            first, last = max(vote.first_epoch, arcs[k][0]), min(vote.last_epoch, arcs[k][1])
+            given[k].append(replace(vote, first_epoch=first, last_epoch=last))
+    return given
 
 
 def _fill_silent(said: Integers, elapsed_s: Reals, bridge_s: float, before_s: float) -> Integers:

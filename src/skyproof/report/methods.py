@@ -6,6 +6,7 @@ _ABOUT = {
     "array_common": ("Directions on an antenna array", "Do signals of several satellites come from one direction?"),
     "bands": ("Bands compared", "Do the codes of a satellite's bands differ by no more than the ionosphere explains?"),
     "code_carrier": ("Code against carrier", "Does the code of each signal move with its carrier?"),
+    "code_doppler": ("Code against Doppler", "Does the code of each tracked signal move as its Doppler says?"),
     "code_motion": (
         "Motion by codes",
         "Do position and clock from codes alone change only as a platform and a clock can?",

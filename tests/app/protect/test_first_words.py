@@ -43,21 +43,23 @@ def test_a_loud_takeover_is_dated_to_three_seconds(tmp_path, place_of_onset: flo
 
 
 @pytest.mark.parametrize(
-    ("name", "changes", "false", "left"),
+    ("name", "changes", "false", "left", "tracking"),
     [
-        ("vector-one-spoofer", {}, {"G02"}, 5),
-        ("vector-one-spoofer", {"sat_code_m": {"G02": 146.5}}, {"G02"}, 5),  # half a chip stays in the filter
-        ("vector-many", {}, {"G12", "G13", "G17"}, 3),
+        ("vector-one-spoofer", {}, {"G02"}, 5, "vector"),
+        ("vector-one-spoofer", {}, {"G02"}, 5, "scalar"),
+        ("vector-one-spoofer", {"sat_code_m": {"G02": 146.5}}, {"G02"}, 5, "vector"),  # it stays in the filter
+        ("vector-many", {}, {"G12", "G13", "G17"}, 3, "vector"),
+        ("vector-many", {}, {"G12", "G13", "G17"}, 3, "scalar"),
     ],
 )
-def test_vector_tracking_names_the_false_signals_and_goes_on_from_the_others(
-    tmp_path, name: str, changes: dict, false: set[str], left: int
+def test_codes_that_leave_their_dopplers_are_named_and_the_others_go_on(
+    tmp_path, name: str, changes: dict, false: set[str], left: int, tracking: str
 ) -> None:
-    verdict, outcome = protect_drawn(change_attack(name, 14.0, **changes), tmp_path, tracking="vector")
+    verdict, outcome = protect_drawn(change_attack(name, 14.0, **changes), tmp_path, tracking=tracking)
     assert verdict.verdict == "spoofed"
     assert {ref.signal.sat for source in outcome.decision.sources for ref in source.signals} == false
     first = next(e for e in outcome.evidence if e.says == "spoofed")
-    assert first.detector == "vector_sqm"
+    assert first.detector == "code_doppler"
     assert first.end_gpst - read_ready_made(name).start_gpst < np.timedelta64(15, "s")
     (receiver,) = outcome.receivers
     assert receiver.has_rest_fixes == (left > 4)

@@ -1,4 +1,4 @@
-"""A vector receiver in `protect`: what its correlators say stands beside the verdict, and labels no signal."""
+"""A vector receiver in `protect`: what its correlators say stands beside what codes and Dopplers do."""
 
 import numpy as np
 import pytest
@@ -31,8 +31,8 @@ def test_the_false_satellite_is_named_and_no_true_one(tmp_path):
     assert all(item.failed and item.data["suspects"] == ("G02 L1 CA a",) for item in labels)
     (method,) = [item for item in result.verdict.methods if item.detector == "vector_sqm"]
     assert (method.decision, method.p_value) == ("failed", min(item.p_value for item in labels))
-    assert result.verdict.verdict == "suspect"
-    assert all(signal.label not in ("spoofed", "authentic") for signal in result.verdict.signals)
+    assert result.verdict.verdict == "spoofed"
+    assert {signal.sat: signal.label for signal in result.verdict.signals}["G02"] == "spoofed"
 
 
 @pytest.mark.long

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
-from tests.detectors.nulls import TAPS_SCENE, draw_vector_taps
+from tests.detectors.nulls import draw_vector_taps
 
 from skyproof.detectors.correlators.correlator_laws import triangle
 from skyproof.detectors.correlators.vector_sqm import satellite_geometry
@@ -56,24 +56,6 @@ def test_an_offset_below_each_window_is_found_and_dated():
         together += evidence
     assert not any(finding.failed for finding in alone)
     assert any(finding.failed and "seen_s" in finding.data for finding in together)
-
-
-@pytest.mark.parametrize("places", [[3], [0, 2, 4]])
-def test_signals_whose_codes_leave_their_dopplers_are_false(places):
-    # No reflection and no fault of a satellite shifts a carrier by 200 Hz beside its code.
-    offsets = settle_loops(draw_vector_taps(np.random.default_rng(5)), 0.4, 200.0, places)
-    records = draw_vector_taps(np.random.default_rng(5), *offsets)
-    scene = replace(TAPS_SCENE, epochs=11, step_s=1.0)
-    (o,) = scene.records(np.random.default_rng(6)).observations
-    assert o.signals == records.observations[0].signals
-    (alike,) = VectorSqm().examine(replace(records, observations=(o,)))[0]
-    assert (alike.says, alike.may_also_be) == ("undecided", (Cause.REFLECTIONS, Cause.FAULT))
-    dopplers_hz = o.doppler_hz.copy()
-    dopplers_hz[:, places] += 200.0
-    (finding,) = VectorSqm().examine(replace(records, observations=(replace(o, doppler_hz=dopplers_hz),)))[0]
-    assert (finding.code, finding.says) == ("does_not_fit", "spoofed")
-    assert [ref.signal for ref in finding.signals] == [o.signals[k] for k in places]
-    assert max(finding.p[Cause.REFLECTIONS], finding.p[Cause.FAULT]) < 1e-9
 
 
 def test_nobody_is_called_false_where_many_sets_fit_alike():

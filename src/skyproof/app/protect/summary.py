@@ -28,7 +28,9 @@ def summarize(outcome: Outcome, why: WordReason) -> str:
 
 def _summary(outcome: Outcome, why: WordReason) -> str:
     decision = outcome.decision
-    unexplained = f" {words}." if (words := describe_unexplained(decision.unexplained)) else ""
+    going_on = {r.reception.source.name for r in outcome.receivers if r.has_rest_fixes}
+    left = [u for u in decision.unexplained if u.kind != "misfit" or u.ref.receiver not in going_on]
+    unexplained = f" {words}." if (words := describe_unexplained(left)) else ""
     if decision.verdict == "authentic":
         n = len({s.ref.signal.sat for s in decision.labels if s.label == "authentic"})
         kept = f" The {within}." if (within := _describe_accuracy(outcome)) else ""

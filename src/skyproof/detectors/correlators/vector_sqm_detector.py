@@ -13,7 +13,6 @@ from scipy import special
 
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open
-from skyproof.detectors.correlators.coherence import coherence_p_values, common_coherence_p_value
 from skyproof.detectors.correlators.correlator_laws import phase_discriminator
 from skyproof.detectors.correlators.policy import POLICY
 from skyproof.detectors.correlators.vector_cusum import BankFound, BankState, run_bank
@@ -136,9 +135,8 @@ class VectorSqm:
     looks (`vector_cusum`), which continue from window to window in the state and show when an offset began.
 
     Signals that do not fit one position are found, with those that would explain it. A reflection that is followed
-    alone, or a fault of a satellite, displaces a channel just as a false signal does, but moves code and carrier alike
-    (`coherence`). Signals whose codes leave their Dopplers are false. Taps of scalar tracking show nothing here: each
-    channel follows its own signal.
+    alone, or a fault of a satellite, displaces a channel just as a false signal does (`code_doppler` tells some apart).
+    Taps of scalar tracking show nothing here: each channel follows its own signal.
     """
 
     name = "vector_sqm"
@@ -160,10 +158,7 @@ class VectorSqm:
         for taps in records.vector_taps:
             looks = self._measure_looks(records.navigation, by_receiver.get(taps.receiver), taps)
             if isinstance(looks, _Looks):
-                observations = by_receiver[taps.receiver]
-                finding, banks[taps.receiver] = self._test_looks(
-                    report, looks, taps, observations, before.get(taps.receiver)
-                )
+                finding, banks[taps.receiver] = self._test_looks(report, looks, taps, before.get(taps.receiver))
             else:
                 finding = report.pass_over(list_refs(taps.receiver, taps.signals), looks)
             found.append(finding)
@@ -206,7 +201,7 @@ class VectorSqm:
         )
 
     def _test_looks(
-        self, report: Reporter, looks: "_Looks", taps: Taps, observations: Observations, before: BankState | None
+        self, report: Reporter, looks: "_Looks", taps: Taps, before: BankState | None
     ) -> tuple[Finding, BankState]:
         """Return whether one position and clock explain the channels, and what the sums remember."""
         asked = self.settings.false_alarm_probability
@@ -225,11 +220,8 @@ class VectorSqm:
         statistic, y, _ = looks.mean_over(slice(None), parity, 0.0)
         p_value = min(2.0 * min(t_squared_survival(statistic, y.size, n_looks), bank.p_value), 1.0)
         data: dict[str, Datum] = {"statistic": statistic, "channels": len(looks.signals)}
-        causes: Mapping[Cause, float] = leave_open((Cause.REFLECTIONS, Cause.FAULT))
-        named: tuple[SignalId, ...] = ()
         failed = p_value < asked
         if failed:
-            causes, named = self._test_coherence(looks.signals, observations)
             from_look = min(max(bank.began or 0, 0), n_looks - y.size - POLICY.looks_more)
             _, y, white = looks.mean_over(slice(from_look, None), parity, POLICY.bent_share)
             sets = select_likely_sets(y, white, self.settings.wrong_name_probability)
@@ -238,34 +230,16 @@ class VectorSqm:
                 "set_size": len(sets[0].satellites) if sets else 0,
                 "suspects": tuple(str(looks.signals[k]) for each in sets[:MOST_NAMED] for k in each.satellites),
                 "separability": float(separability(parity, 1)),
-                "incoherent": tuple(map(str, named)),
                 **_date_in_recording(bank, looks),
             }
         finding = report.find(
-            list_refs(taps.receiver, named or looks.signals),
+            list_refs(taps.receiver, looks.signals),
             "does_not_fit" if failed else "fits",
-            {Cause.CLEAN: p_value, **causes},
+            {Cause.CLEAN: p_value, **leave_open((Cause.REFLECTIONS, Cause.FAULT))},
             data=data,
-            singled_out=bool(named),
             dated_gpst=_began_gpst(bank, looks, report.records, taps.receiver) if failed else None,
         )
         return finding, bank.state
-
-    def _test_coherence(
-        self, signals: tuple[SignalId, ...], o: Observations
-    ) -> tuple[Mapping[Cause, float], tuple[SignalId, ...]]:
-        """Return the p-values of benign causes of a misfit, and the signals that none of them displaces so.
-
-        Whatever displaces a signal by another way, clock or orbit moves its code as its carrier, unless the receiver
-        has two oscillators, which move all alike.
-        """
-        columns = np.array([o.column_of[signal] for signal in signals], np.intp)
-        p_values = len(signals) * coherence_p_values(o, columns, self.settings.multipath_sigma_m)
-        common = common_coherence_p_value(o, columns, self.settings.multipath_sigma_m)
-        one_way = min(1.0, max(float(p_values.min()), common))
-        asked = self.settings.false_alarm_probability
-        named = [signal for signal, p in zip(signals, p_values, strict=True) if max(p, common) < asked]
-        return {Cause.REFLECTIONS: one_way, Cause.FAULT: one_way}, tuple(named)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -1,0 +1,1 @@
+"""Compare the code of each tracked signal with what its own Doppler adds up to."""
