@@ -5,7 +5,7 @@ import pytest
 from tests.app import kit
 
 from skyproof.simulator.attacks import TransmitAntenna
-from skyproof.simulator.scenario import Multipath, ScenePlace, Spoofer, Takeover
+from skyproof.simulator.scenario import Multipath, ScenePlace, Sky, Spoofer, Takeover
 
 pytestmark = pytest.mark.long
 
@@ -91,3 +91,22 @@ def test_a_late_repeated_sky_in_one_receiver_is_no_attack(tmp_path):
     assert {s.label for s in judged.verdict.signals if s.receiver == "bow"} == {"authentic"}
     assert {s.label for s in judged.verdict.signals if s.receiver == "stern"} == {"authentic", "multipath"}
     assert find_largest_ratio(judged) < 1.5
+
+
+@pytest.mark.parametrize("receivers", [2, 3])
+def test_one_false_sky_alone_is_suspect_by_carriers_and_noise(tmp_path, receivers):
+    # As under a roof: the true signals are 25 dB weaker than outside, and a transmitter repeats them from the start on.
+    repeated = Spoofer(shows=SHOWS, transmit=kit.TRANSMIT, clock_offset_s=3e-6, onset_s=-10.0, power_db=26.0)
+    scenario = kit.make_scenario(receivers=receivers, duration_s=14.0, attacks=(repeated,))
+    inside = scenario.model_copy(update={"sky": Sky(zenith_cn0_dbhz=20.0, horizon_cn0_dbhz=14.0)})
+    judged = kit.protect_scenario(inside, tmp_path)
+    assert judged.verdict.verdict == "suspect"
+    assert {e.code for e in judged.result.outcome.evidence if e.failed} == {"one_place"}
+    assert {s.label for s in judged.verdict.signals} == {"unknown"}
+    assert all(r.trusted_fix is None for r in judged.verdict.receivers)
+
+
+def test_receivers_of_one_sky_at_unknown_distances_are_not_suspect(tmp_path):
+    judged = kit.protect_scenario(kit.make_scenario(receivers=3, duration_s=14.0), tmp_path)
+    assert judged.verdict.verdict == "no_attack_seen"
+    assert all(len(r.reception.apart_from) == 2 for r in judged.result.outcome.receivers)

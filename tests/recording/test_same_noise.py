@@ -166,3 +166,23 @@ def test_explained_correlation_alarms_no_more_than_stated():
 def test_the_bound_grows_with_what_repeats():
     assert bound_explained(0.1) == EXPLAINED
     assert EXPLAINED < bound_explained(0.5) < bound_explained(0.6) < bound_explained(0.64) == 1.0
+
+
+@pytest.mark.parametrize("bits", [1, None])
+def test_two_antennas_have_nothing_in_common_but_signals(bits):
+    rng = np.random.default_rng(8)
+    first, second = (quantize(wave + draw_noise(rng), bits) for wave in draw_sky(rng))
+    assert find(first, second).of_two_antennas
+
+
+def test_receivers_that_add_noise_to_one_antenna_are_not_two():
+    rng = np.random.default_rng(9)
+    antenna, own_amplitude = draw_sky(rng)[0] + draw_noise(rng), 10.0 ** (10.0 / 20.0)
+    one, other = (quantize(antenna + own_amplitude * draw_noise(rng), None) for _ in range(2))
+    assert not find(one, other).of_two_antennas
+
+
+def test_where_nearly_all_repeats_noise_shows_nothing():
+    rng = np.random.default_rng(10)
+    wave = draw_sky(rng, cn0_dbhz=130.0, sats=1)
+    assert not find(*(quantize(one, None) for one in wave)).of_two_antennas

@@ -47,6 +47,9 @@ _SENTENCES: Final[Mapping[str, str]] = {
     "one_antenna_if_apart": (
         "{signals} come from one antenna, if the receivers' antennas are {limit_m:g} m or more apart"
     ),
+    "one_place": (
+        "{signals} put the antennas into one place, to millimetres, but the receivers' noise is of antennas that differ"
+    ),
     "one_antenna_or_sky": (
         "{signals} could come from one antenna or from the sky: range differences between the receivers vary by "
         "{scatter_m:.1f} m between satellites, which errors may explain"
@@ -94,6 +97,7 @@ _REMEDIES: Final[Mapping[str, str]] = {
     "few_in_common": "more satellites in common",
     "few_common_epochs": "measurements at the same times and of the same signals, or a longer window",
     "one_antenna": _MEASURED_AGAIN,
+    "one_place": _WHERE,
     "one_antenna_or_sky": "a longer window, or antennas farther apart{of_carriers}{or_where}",
     "one_antenna_or_few_echoes": _MORE_SATELLITES,
     "one_may_be_false": _WHERE,

@@ -45,6 +45,9 @@ EXPLAINED: Final = 0.1
 """Correlation coefficient that components of signals may have that were too weak to be distinguished from noise. One
 that is found with `N_ROWS` rows of N cells has a power of 1 / sqrt(N_ROWS N) or more, so that ten that are not make
 0.03."""
+_IN_COMMON: Final = 0.03
+"""Twice what the largest of all lags shows by chance. Receivers on one antenna that have less in common add 15 dB to
+its noise: the sky's signals, 53 dB-Hz at most, come below 40 dB-Hz then."""
 _LEAST_LEFT: Final = 0.25  # of the rows: where less is left, nearly all that was received repeats
 _BAND_HZ: Final = 2.0 * GPS_L1_CA.chip_rate_hz  # the main lobe; noise beyond it adds nothing to noise within it
 _LEVELS: Final = 64
@@ -57,7 +60,7 @@ _LINE: Final = 30.0  # times its neighbours' median: no noise
 class SharedNoise:
     """What two stretches have in common besides what repeats.
 
-    coefficient : magnitude of the correlation, 0 to 1; of power, its square is common.
+    coefficient : magnitude of the correlation, 0 to 1; of power, its square is common. NaN where nothing decides.
     lag_s : how much later in the second than in the first, modulo a code period.
     p_value : of a correlation as high at any lag, from two antennas.
     """
@@ -66,8 +69,13 @@ class SharedNoise:
     lag_s: float
     p_value: float
 
+    @property
+    def of_two_antennas(self) -> bool:
+        """Tell if nothing is in common, as of two antennas."""
+        return self.coefficient <= _IN_COMMON
 
-NOTHING: Final = SharedNoise(coefficient=0.0, lag_s=0.0, p_value=1.0)
+
+NOTHING: Final = SharedNoise(coefficient=math.nan, lag_s=0.0, p_value=1.0)
 
 
 def find_usable_hz(rate_hz: float, carrier_at_hz: float, *, real: bool) -> float:

@@ -44,6 +44,7 @@ class Records(ShortRepr, Holding):
         unit carries, by receiver, each a `navigation.predictor.Predictor`. changes : within snapshots, by receiver.
     findings : of the window, by the detectors that come before. expected : what predicts the fixes of each receiver
     that is known to stand, or whose clock or inertial unit is known: a predictor, or the `fusion.corrected` navigator.
+    apart_from : of each receiver, those that have another antenna by their noise.
     """
 
     start_gpst: np.datetime64
@@ -65,3 +66,4 @@ class Records(ShortRepr, Holding):
     changes: Mapping[str, SnapshotChanges] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
     expected: Mapping[str, Any] = field(default_factory=dict)
+    apart_from: Mapping[str, frozenset[str]] = field(default_factory=dict)

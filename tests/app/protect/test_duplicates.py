@@ -103,12 +103,14 @@ def test_changed_copies_are_found_and_other_antennas_are_none():
     copies = [whole[:, 2600:], whole[:, 2_600_000:], whole[:, 3:], flipped(0.01), flipped(0.2), 0.37 * whole]
     for planes in copies:
         copy = pair.receive(planes)
+        assert not any(r.apart_from for r in leave_out_duplicates((original, copy), FAR))
         assert pair.judge(original, copy) == ["spoofed", "no_attack_seen"]
         found = find_shared_noise(original, copy, alpha=1e-6, code_sigma_m=1.0)
         assert found is not None
         assert found.coefficient > 0.5
     other = pair.receive(pair.planes[1])
     assert find_shared_noise(original, other, alpha=0.1, code_sigma_m=1.0) is None
+    assert [r.apart_from for r in leave_out_duplicates((original, other), FAR)] == [{"copy"}, {"original"}]
     assert pair.judge(original, other) == ["no_attack_seen", "no_attack_seen"]  # nothing is given of the antennas
 
 

@@ -17,7 +17,7 @@ from skyproof.detectors.multi_receiver.known_geometry import AntennaDistance, An
 from skyproof.detectors.multi_receiver.one_antenna import TrackNoise
 from skyproof.detectors.multi_receiver.pairing import evaluate_sky_by_carriers, pair_up
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
-from skyproof.records import OBSERVABLES, CellStatus
+from skyproof.records import OBSERVABLES, Cause, CellStatus
 from skyproof.statistics.distributions import binomial_survival
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
@@ -62,6 +62,19 @@ def test_of_one_antenna_small_p_values_are_as_rare_as_they_say(count):
     for rate in (0.1, 0.01):
         assert binomial_survival(np.sum(p_values < rate), draws, rate) > 1e-3
     assert np.mean(p_values < 0.1) > 0.05  # and not much rarer
+
+
+@pytest.mark.parametrize(("near_m", "count"), [(1.0, 5), (5.0, 8), (50.0, 6)])
+def test_skies_put_antennas_into_one_place_as_rarely_as_stated(near_m, count):
+    rng, draws, p_values = np.random.default_rng(count), 4000, []
+    for _ in range(draws):
+        way_cyc = draw_directions(rng, count) @ draw_directions(rng, 1)[0] * near_m * rng.uniform(1.0, 2.0) / WAVE_M
+        p_values.append(
+            evaluate_one_antenna_carriers(draw_fractions(rng, way_cyc, draw_sigmas(rng, count))).p_unrelated
+        )
+    for rate in (0.1, 0.01):
+        assert binomial_survival(np.sum(np.array(p_values) < rate), draws, rate) > 1e-3
+    assert np.mean(np.array(p_values) < 0.1) > 0.05
 
 
 @pytest.mark.parametrize("known", ["places", "distance"])
@@ -276,3 +289,40 @@ def test_status_of_cells_is_of_no_concern():
     records = make_scene().records(np.random.default_rng(0))
     slips = change_cells(records, status=lambda o: np.full(o.status.shape, CellStatus.SLIP, np.uint8))
     assert [e.says for e in examine(slips, **GIVEN["places"])] == ["authentic"]
+
+
+THREE = PLACES | {"rx3": (-0.8, 0.4, 0.1)}
+
+
+def state_noise(records):
+    """State that the noise of each receiver is of another antenna than that of any other."""
+    names = {o.receiver for o in records.observations}
+    return replace(records, apart_from={name: frozenset(names - {name}) for name in names})
+
+
+@pytest.mark.parametrize("places", [PLACES, THREE], ids=["two", "three"])
+def test_antennas_that_differ_in_noise_are_never_in_one_place(places):
+    # Nothing is stated: code alone may come from antennas a metre apart.
+    rng = np.random.default_rng(0)
+    false = make_scene(antennas_enu_m=places, sky=(), false=(FalseSky(),)).records(rng)
+    (finding,) = examine(state_noise(false))
+    assert (finding.code, finding.failed, finding.says) == ("one_place", True, "undecided")
+    assert finding.may_also_be == (Cause.STATEMENT,)
+    assert [e.failed for e in examine(false)] == [False]
+    (true,) = examine(state_noise(make_scene(antennas_enu_m=places).records(rng)))
+    assert not true.failed
+
+
+def test_antennas_half_a_wavelength_apart_are_not_in_one_place():
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        near = {"rx1": (0.0, 0.0, 0.0), "rx2": tuple(0.095 * draw_directions(rng, 1)[0])}
+        assert not any(e.failed for e in examine(state_noise(make_scene(antennas_enu_m=near).records(rng))))
+
+
+def test_one_receiver_of_three_without_noise_of_its_own_decides_nothing():
+    records = state_noise(
+        make_scene(antennas_enu_m=THREE, sky=(), false=(FalseSky(),)).records(np.random.default_rng(0))
+    )
+    apart_from = {"rx1": frozenset({"rx2"}), "rx2": frozenset({"rx1"})}
+    assert not any(e.failed for e in examine(replace(records, apart_from=apart_from)))

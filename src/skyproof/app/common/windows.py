@@ -188,6 +188,7 @@ class Run(Holding):
     inertial: Mapping[str, Predictor] = field(default_factory=dict)
     expected: Mapping[str, Predictor] = field(default_factory=dict)
     changes: Mapping[str, SnapshotChanges] = field(default_factory=dict)
+    apart_from: Mapping[str, frozenset[str]] = field(default_factory=dict)
 
     @property
     def nav_state(self) -> Body | None:
@@ -308,6 +309,7 @@ class Windows:
             inertial=run.inertial,
             expected=run.expected,
             changes=run.changes,
+            apart_from=run.apart_from,
         )
 
 
@@ -341,10 +343,12 @@ def windows_of(
     own_fixes: Mapping[str, ReceiverFixes] | None = None,
     predictors: Mapping[str, Predictor] | None = None,
     changes: Mapping[str, SnapshotChanges] | None = None,
+    apart_from: Mapping[str, frozenset[str]] | None = None,
 ) -> Windows:
     """Return the windows of a run. Without observations it is empty, and each detector says what it lacks.
 
-    predictors : what is expected of receivers. changes : within those whose recording is a snapshot.
+    predictors : what is expected of receivers. changes : within those whose recording is a snapshot. apart_from : see
+    `Records`.
     """
     expected = predictors or {}
     run = Run(
@@ -367,6 +371,7 @@ def windows_of(
         inertial={name: predictor for name, predictor in expected.items() if isinstance(predictor, Inertial)},
         expected=expected,
         changes=changes or {},
+        apart_from=apart_from or {},
     )
     return Windows(
         run=run,

@@ -2,12 +2,12 @@
 
 Two receivers on one antenna, and copies of one file, prove nothing by being two: of course their signals have the same
 delays. A transmitter's noise may be in both as well; but then the satellites' signals, unless it drowns them all, do
-not come as late as the noise does.
+not come as late as the noise does. Noise that has nothing in common comes from two antennas.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -31,20 +31,31 @@ _MARGIN: Final = np.timedelta64(2, "s")
 
 
 def leave_out_duplicates(receptions: Sequence[Reception], settings: Settings) -> list[Reception]:
-    """Leave out receptions that hold the same noise as another one with more measurements."""
+    """Leave out receptions that hold the same noise as another one with more measurements.
+
+    The others say whose noise has nothing in common with theirs.
+    """
     n = len(receptions)
     alpha = settings.false_alarm_probability_per_hour / max(n * (n - 1) // 2, 1)
     kept: list[Reception] = []
     left_out: dict[str, Reception] = {}
+    apart: dict[str, set[str]] = {r.source.name: set() for r in receptions}
     for reception in sorted(receptions, key=_measurements, reverse=True):
+        name = reception.source.name
         for other in kept:
-            found = find_shared_noise(other, reception, alpha=alpha, code_sigma_m=settings.multipath_sigma_m)
-            if found is not None:
-                left_out[reception.source.name] = _leave_out(reception, other, found)
+            found = _compare_noise(other, reception, alpha=alpha, code_sigma_m=settings.multipath_sigma_m)
+            if found.shared is not None:
+                left_out[name] = _leave_out(reception, other, found.shared)
                 break
+            if found.apart:
+                apart[name].add(other.source.name)
+                apart[other.source.name].add(name)
         else:
             kept.append(reception)
-    return [left_out.get(r.source.name, r) for r in receptions]
+    return [
+        left_out.get(r.source.name) or replace(r, apart_from=frozenset(apart[r.source.name] - left_out.keys()))
+        for r in receptions
+    ]
 
 
 def _leave_out(reception: Reception, other: Reception, found: SharedNoise) -> Reception:
@@ -65,32 +76,46 @@ def _measurements(reception: Reception) -> int:
     return 0 if o is None else int(o.measured.sum())
 
 
+class _Compared(NamedTuple):
+    """What noise shows of two receptions. shared : if they are one receiver's. apart : whether they have two antennas;
+    they may be neither, as where a transmitter's noise is in both."""
+
+    shared: SharedNoise | None = None
+    apart: bool = False
+
+
 def find_shared_noise(first: Reception, second: Reception, *, alpha: float, code_sigma_m: float) -> SharedNoise | None:
-    """Find the noise that two receptions share if they are one receiver's; else None.
+    """Find the noise that two receptions share if they are one receiver's; else None: see `_compare_noise`."""
+    return _compare_noise(first, second, alpha=alpha, code_sigma_m=code_sigma_m).shared
+
+
+def _compare_noise(first: Reception, second: Reception, *, alpha: float, code_sigma_m: float) -> _Compared:
+    """Compare the noise of two receptions.
 
     The middle is compared first. If it agrees both ends are compared too, since a transmitter's noise has a beginning.
-    The result is the place that shares least.
+    What is shared is that of the place that shares least. Of snapshots, whose time is open by milliseconds, noise that
+    differs shows nothing.
 
     alpha : probability that two antennas are called one, and that one is not because its signals seem to differ.
     code_sigma_m : by how much a signal's code may differ between two receivers on one antenna, one sigma, in each.
     """
     if first.observations is None or second.observations is None or first.samples is None or second.samples is None:
-        return None
+        return _Compared()
     lags = _compute_lags(*_read_places(first.observations, second.observations))
     known = np.flatnonzero(np.isfinite(lags.later_s).any(axis=0))
     if first.codes and second.codes:
         later_s = float(np.nanmedian(lags.later_s)) if known.size else 0.0
-        return _compare_snapshots(first, second, later_s, alpha=alpha, code_sigma_m=code_sigma_m)
+        return _Compared(_compare_snapshots(first, second, later_s, alpha=alpha, code_sigma_m=code_sigma_m))
     found: list[tuple[int, SharedNoise]] = []
     for place in _PLACES if known.size else ():
         at = int(known[int(place * (known.size - 1))])
         noise = _correlate_noise(first.samples, second.samples, lags, at)
         if noise is None or noise.p_value >= alpha:
-            return None
+            return _Compared(apart=noise is not None and noise.of_two_antennas)
         found.append((at, noise))
     if not found or _test_agreement(lags, found, code_sigma_m) < alpha:
-        return None
-    return min((noise for _, noise in found), key=lambda noise: noise.coefficient)
+        return _Compared()
+    return _Compared(min((noise for _, noise in found), key=lambda noise: noise.coefficient))
 
 
 def _compare_snapshots(

@@ -127,6 +127,7 @@ def begin_session(
         own_fixes=_collect_own_fixes(received),
         predictors=predictors,
         changes={r.source.name: r.changes for r in received if r.changes is not None},
+        apart_from={r.source.name: r.apart_from for r in received},
     )
     return Session(windows, instantiate_detectors(settings, windows.run, positions_ecef_m=list_surveyed(predictors)))
 

@@ -49,6 +49,7 @@ class Reception(ShortRepr):
     observations : None if there are none; `left_out` then says why. remarks : beside that and those of the source.
     examined_s : how much of the recording was processed.
     same_as : the receiver whose noise it holds too, where the two are taken as one; its observations are then left out.
+    apart_from : the receivers whose noise has nothing in common with its own, so that they have other antennas.
     messages_differ : where signals of one satellite carry different messages, in words; among the remarks as well.
     taps, ccaf : correlators beside the observations, if they were asked for. vector_taps : of vector tracking.
     antennas : the same signals at the same epochs on each antenna, where the receiver has several.
@@ -65,6 +66,7 @@ class Reception(ShortRepr):
     examined_s: float
     left_out: str | None = None
     same_as: str | None = None
+    apart_from: frozenset[str] = frozenset()
     remarks: tuple[str, ...] = ()
     messages_differ: tuple[str, ...] = ()
     taps: TimeSliced[Taps] | None = None

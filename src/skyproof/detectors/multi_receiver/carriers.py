@@ -42,12 +42,13 @@ class CarrierTest(NamedTuple):
     """Chi-square of `dof` degrees at most, if the hypothesis is true, and its tail.
 
     by_chance : expected number of ways to choose whole cycles that fit any fractions; with several, a large p-value is
-    no evidence.
+    no evidence. p_unrelated : probability that fractions which have nothing to do with each other fit as well.
     """
 
     statistic: float
     dof: int
     by_chance: float = 0.0
+    p_unrelated: float = 1.0
 
     def fits(self, probability: float) -> bool:
         """Tell if the p-value reaches `probability`, and would not by chance."""
@@ -114,15 +115,19 @@ def _average_fractions(cyc: Reals) -> tuple[Reals, Booleans]:
 def evaluate_one_antenna_carriers(fractions_of_kind: Fractions) -> CarrierTest:
     """Test "all from one antenna": the fractions are the same.
 
-    By chance any fractions pass, with the share of whole cycles that an ellipsoid of the test's limit covers.
+    By chance any fractions pass, with the share of whole cycles that an ellipsoid of the test's limit covers; with that
+    of the statistic they are as equal as these.
     """
     weight = fractions_of_kind.sigma_cyc**-2
     off = _wrap(fractions_of_kind.cycles - fractions_of_kind.cycles[:, None])
     off -= (off @ weight / weight.sum())[:, None]
     test = CarrierTest(float(np.min(off**2 @ weight)), fractions_of_kind.cycles.size - 1)
     log_sigmas = float(np.sum(np.log(fractions_of_kind.sigma_cyc))) + 0.5 * np.log(weight.sum())
-    log_chance = log_sigmas + _log_ball(test.dof, test.threshold(POLICY.carrier_fit_probability))
-    return test._replace(by_chance=float(np.exp(min(log_chance, 0.0))))
+    limit = test.threshold(POLICY.carrier_fit_probability)
+    by_chance, p_unrelated = (
+        float(np.exp(min(log_sigmas + _log_ball(test.dof, squared), 0.0))) for squared in (limit, test.statistic)
+    )
+    return test._replace(by_chance=by_chance, p_unrelated=p_unrelated)
 
 
 def sky_carriers(

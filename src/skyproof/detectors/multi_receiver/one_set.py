@@ -32,6 +32,9 @@ def decide_one_set(window: Window, pairing: Pairing) -> list[Finding]:
                 estimates=collect_estimates((), window.build_statement(pairing, geometry, agrees=False)),
             )
         ]
+    if geometry is None and (p_place := window.p_of_one_place(pairing)) < alpha:
+        cause, data = leave_open((Cause.STATEMENT,)), describe_pairing(pairing)
+        return [window.find_open(pairing.subject, "one_place", p_place, cause, data=data)]
     return [_leave_sender_open(window, pairing, geometry, p_each=p_each, p_known=p_known, p_false=p_false)]
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from skyproof.detectors.base import Reporter, leave_open
-from skyproof.detectors.multi_receiver.carriers import CarrierTest
+from skyproof.detectors.multi_receiver.carriers import CarrierTest, evaluate_one_antenna_carriers
 from skyproof.detectors.multi_receiver.known_geometry import (
     AntennaGeometry,
     AntennaPlaces,
@@ -252,6 +252,18 @@ class Window:
             return self._not_sky(pairing, geometry)
         limit_m = self.settings.antenna_separation_m
         return pairing.at_least_p_value(limit_m) if limit_m > 0.0 else 1.0
+
+    def p_of_one_place(self, pairing: Pairing) -> float:
+        """Return the p-value of antennas that differ, by the receivers' noise, being in one place by their carriers.
+
+        It is 1 unless all antennas differ, and all carriers fit one place.
+        """
+        apart_from, accept = self.records.apart_from, self.settings.accept_probability
+        differ = all(b in apart_from.get(a, ()) for a, b in itertools.combinations(pairing.receivers, 2))
+        tests = [evaluate_one_antenna_carriers(fractions) for fractions in pairing.fractions] if differ else []
+        if not tests or any(test.p_value < accept for test in tests):
+            return 1.0
+        return min(1.0, self.tests * max(test.p_unrelated for test in tests))
 
     def describe_known(self, geometry: AntennaGeometry | None) -> Mapping[str, Datum]:
         """Return what is known of the antennas, or how far apart they are stated to stand at least."""
