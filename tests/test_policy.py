@@ -106,6 +106,7 @@ COMPUTING = {
     "continuity/standing": {"_FAR_M"},
     "correlators/correlator_laws": {"CODE_SPACING_CHIPS", "HALF_PI", "REACH", "_LAST_SCORE"},
     "correlators/second_component": {"EARLY_CHIPS", "OTHER_CHIPS", "TWO_REFLECTIONS"},
+    "correlators/beats": {"_UNKNOWNS"},
     "correlators/vector_sqm_detector": {"MOST_NAMED"},
     "dccaf/bursts": {
         "_CLOSEST_CHIPS",

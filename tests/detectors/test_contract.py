@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from tests.detectors import nulls
 from tests.detectors.bands.test_detector import make_two_bands
+from tests.detectors.correlators.test_beats import beat
 from tests.detectors.own_fixes.test_detector import HOME, make_fixes
 
 from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettings
@@ -19,6 +20,7 @@ from skyproof.detectors.code_doppler.detector import CodeDoppler, CodeDopplerSet
 from skyproof.detectors.code_motion.detector import CodeMotion, CodeMotionSettings
 from skyproof.detectors.common_change.detector import CommonChange, CommonChangeSettings
 from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
+from skyproof.detectors.correlators.beats_detector import Beats, BeatsSettings
 from skyproof.detectors.correlators.sqm_detector import Sqm, SqmSettings
 from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm, VectorSqmSettings
 from skyproof.detectors.dccaf.delays import DccafSettings
@@ -318,6 +320,14 @@ CASES = (
         400,
         ("undecided",),
         "no satellite fails in these records, nor sends a message",
+    ),
+    Case(
+        "beats of several walls",
+        lambda: Beats(BeatsSettings(false_alarm_probability=0.3)),
+        lambda rng: beat(rng, np.exp(rng.uniform(np.log(0.06), np.log(4.0), 10))),
+        20,
+        100,
+        conservative="the p-value bounds the chance of the best of many motions",
     ),
     Case(
         "codes that go with Dopplers",

@@ -19,6 +19,7 @@ from skyproof.detectors.code_carrier.detector import CodeCarrier
 from skyproof.detectors.code_doppler.detector import CodeDoppler
 from skyproof.detectors.code_motion.detector import CodeMotion
 from skyproof.detectors.common_change.detector import CommonChange
+from skyproof.detectors.correlators.beats_detector import Beats
 from skyproof.detectors.correlators.sqm_detector import Sqm
 from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm
 from skyproof.detectors.dccaf.detector import Dccaf
@@ -229,6 +230,10 @@ CASES = {
             change_taps(lambda t: replace(t, signals=(*t.signals[:5], *(replace(s, copy="b") for s in t.signals[:5])))),
         ),
         "0 of 5 satellites in rx1 have only one signal",
+    ),
+    ("beats", "few_signals"): (
+        lambda: examine_all(Beats(), nulls.track(change_cells(clean(), pseudorange_m=drop_all))),
+        "fewer than 6 signals of rx1 have correlators and a direction",
     ),
     ("vector_sqm", "no_pair"): (
         lambda: examine_all(

@@ -133,6 +133,8 @@ MADE_ELSEWHERE = {
     "array_model": "ins_array",
     "bands": None,
     "base": None,
+    "beats": None,
+    "beats_detector": None,
     "code_carrier": None,
     "code_doppler": None,
     "code_motion": None,

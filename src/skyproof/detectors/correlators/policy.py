@@ -49,6 +49,27 @@ class CorrelatorPolicy:
         "1",
         "Assumed: of a code's offset, one sigma: its discriminator is not straight, as noise and front ends round it.",
     )
+    least_beat_hz: float = number(
+        0.3, "Hz", "Three beats in a window of ten seconds; below, loops and fading colour the noise."
+    )
+    most_beat_share: float = number(0.45, "1", "Of the rate of looks: half of it is the fastest beat that shows.")
+    beat_sigma_bins: float = number(
+        0.1,
+        "1",
+        "Assumed, one sigma: a line is found to a tenth of a bin, as loops and geometry change within a window.",
+    )
+    beat_sigmas: float = number(3.0, "1", "Of 1000 lines three of a common motion are taken for others.")
+    beats_more: int = number(2, "1", "Lines beyond the four that any motion and clock explain; fewer prove nothing.")
+    bases: int = number(
+        50, "1", "Sets of four lines that tell a motion best: some hold no line of a reflection unless most lines are."
+    )
+    repetitions: tuple[int, ...] = number(
+        (0, 1), "1", "A sky that moves by 9 m/s beside the tracked one has beats up to the rate of 50 looks a second."
+    )
+    least_velocities: int = number(10, "1", "Fixes of a window whose scatter is known to a quarter.")
+    refined: int = number(
+        8, "1", "Motions that are fitted to all lines that they explain, those with most lines first."
+    )
 
 
 POLICY: Final = CorrelatorPolicy()

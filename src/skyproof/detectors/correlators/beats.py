@@ -1,0 +1,196 @@
+"""Test if the beats of all satellites' signals are those of one further sky: arrays only.
+
+Two signals of a satellite that a correlator cannot part beat: the power of their sum has a line at the difference of
+their carriers, even if one is 30 dB weaker. A further sky, whose receiver would move by w (m/s) and whose clock would
+run by d (m/s) beside the tracked one's, gives the satellite in direction u a line at
+
+    |u . w - d| / wavelength
+
+less a multiple of the rate of looks. Four unknowns explain any four lines; ten lines that they explain are of one sky.
+Reflections make lines as well:
+
+- of several reflectors they fit four unknowns by chance only. Their frequencies are taken as log-uniform: no decade of
+  them is likelier than another.
+- of one reflector for all satellites, or of parallel ones, they are those of the antenna's image. An image moves as
+  fast as the antenna and has its clock: |v + w| = |v| and d = 0 (Kaplan & Hegarty, 9.5: specular reflection).
+
+What modulates all signals at one rate (a radar, the mains, a rotor) has w = 0, as has a further sky at the same place
+whose clock runs otherwise.
+"""
+
+from collections.abc import Sequence
+from itertools import combinations, product
+from math import comb, log, prod
+from typing import NamedTuple
+
+import numpy as np
+
+from skyproof.arrays import Booleans, Integers, Reals
+from skyproof.detectors.correlators.policy import POLICY
+from skyproof.statistics.distributions import chi_square_survival
+
+__all__ = ["CommonMotion", "Line", "common_p_value", "find_line", "fit_common_motion", "mirror_p_value"]
+
+_UNKNOWNS = 4
+
+
+class Line(NamedTuple):
+    """The strongest line of a signal's power: frequency_hz, and sigma_hz of it; statistic : over the noise's mean."""
+
+    frequency_hz: float
+    sigma_hz: float
+    statistic: float
+
+
+class CommonMotion(NamedTuple):
+    """What explains most lines: state (4,) of w and d in m/s with its covariance (4, 4), lines (n,) that it explains.
+
+    design : (n, 4) of the lines. p_value : of independent lines doing so.
+    """
+
+    design: Reals
+    state: Reals
+    covariance: Reals
+    explained: Booleans
+    p_value: float
+
+
+def find_line(power: Reals, step_s: float) -> Line | None:
+    """Find the line of a series of powers (n,) that noise makes with `signal_probability` at most; None without one.
+
+    The spectrum of white noise is exponential at each frequency (Kay, Detection Theory, 7.6.3); its mean is taken from
+    the median. power : of any unit. step_s : from look to look.
+    """
+    n = power.size
+    looks = np.arange(n)
+    rest = power / power.mean() - 1.0
+    rest = (rest - np.polyval(np.polyfit(looks, rest, 2), looks)) * np.hanning(n)
+    spectrum = np.abs(np.fft.rfft(rest, 4 * n)) ** 2
+    frequency_hz = np.fft.rfftfreq(4 * n, step_s)
+    within = np.flatnonzero((frequency_hz > POLICY.least_beat_hz) & (frequency_hz < POLICY.most_beat_share / step_s))
+    spectrum /= np.median(spectrum[within]) / log(2.0)
+    top = int(within[np.argmax(spectrum[within])])
+    statistic = float(spectrum[top])
+    # A top at the edge of the band is the flank of what is slower or faster.
+    if top in (within[0], within[-1]) or within.size * np.exp(-statistic) > POLICY.signal_probability:
+        return None
+    before, at, after = np.log(spectrum[top - 1 : top + 2])
+    shift = 0.5 * (before - after) / (before - 2.0 * at + after)
+    spread_hz = 1.0 / (n * step_s)
+    sigma_hz = spread_hz * np.hypot(POLICY.beat_sigma_bins, np.sqrt(1.5 / statistic) / np.pi)
+    return Line(float(frequency_hz[top] + shift * (frequency_hz[1] - frequency_hz[0])), float(sigma_hz), statistic)
+
+
+def fit_common_motion(lines: Sequence[Line], wavelength_m: Reals, design: Reals, step_s: float) -> CommonMotion | None:
+    """Fit one motion and clock to lines (n,), whose signs are not known; None if it explains too few.
+
+    wavelength_m : (n,) of the signals. design : (n, 4) rows of u and -1. step_s : from look to look.
+    """
+    n = len(lines)
+    if n < _UNKNOWNS + POLICY.beats_more:
+        return None
+    seen = _Seen(
+        design=design,
+        rate_m_s=wavelength_m * [line.frequency_hz for line in lines],
+        sigma_m_s=wavelength_m * [line.sigma_hz for line in lines],
+        repeat_m_s=wavelength_m / step_s,
+    )
+    bases = np.array(list(combinations(range(n), _UNKNOWNS)))
+    bases = bases[np.argsort(np.linalg.cond(design[bases]), kind="stable")[: POLICY.bases]]
+    found = [_fit_most(seen, lines, bases, repeated, step_s) for repeated in POLICY.repetitions]
+    best = min((one for one in found if one is not None), key=lambda one: one.p_value, default=None)
+    return best and best._replace(p_value=min(1.0, len(found) * best.p_value))
+
+
+def _fit_most(
+    seen: "_Seen", lines: Sequence[Line], bases: Integers, repeated: int, step_s: float
+) -> CommonMotion | None:
+    """Fit the state that explains most lines, of those that any four of them give; None if it explains too few.
+
+    bases : (m, 4) of lines. repeated : times that the rate of looks may hide in a line, to either side.
+    """
+    branches = np.arange(-repeated, repeated + 1)
+    signed = seen.rate_m_s + seen.repeat_m_s * branches[:, np.newaxis]
+    choices = np.concatenate([signed, -signed])
+    # Turning all signs over turns the state over: the first line is taken with one.
+    places = np.array([(k, *more) for k in range(branches.size) for more in product(range(len(choices)), repeat=3)])
+    right = choices[places[np.newaxis], bases[:, np.newaxis, :]]
+    states = np.einsum("bij,bpj->bpi", np.linalg.pinv(seen.design[bases]), right).reshape(-1, _UNKNOWNS)
+    reach = POLICY.beat_sigmas * np.linalg.cond(seen.design[bases[0]]) * seen.sigma_m_s
+    fits = (np.abs(seen.leave(states)) < reach).sum(axis=1)
+    most = np.argsort(-fits, kind="stable")[: POLICY.refined]
+    state, covariance, explained = max((_refine(states[k], reach, seen) for k in most), key=lambda x: int(x[2].sum()))
+    if explained.sum() < _UNKNOWNS + POLICY.beats_more:
+        return None
+    p_value = _bound_chance(explained, lines, step_s, len(states))
+    return CommonMotion(seen.design, state, covariance, explained, p_value)
+
+
+class _Seen(NamedTuple):
+    """Rates (n,) of lines, m/s, their sigmas, and those of the looks, with which they repeat; design (n, 4)."""
+
+    design: Reals
+    rate_m_s: Reals
+    sigma_m_s: Reals
+    repeat_m_s: Reals
+
+    def leave(self, states: Reals) -> Reals:
+        """Return by how much states (..., 4) leave the lines (..., n): the nearest of their signs and repetitions."""
+        expected = states @ self.design.T
+        off = np.stack([expected - self.rate_m_s, expected + self.rate_m_s])
+        off -= self.repeat_m_s * np.rint(off / self.repeat_m_s)
+        return np.asarray(np.where(np.abs(off[0]) < np.abs(off[1]), off[0], off[1]))
+
+
+def _refine(state: Reals, reach: Reals, seen: _Seen) -> tuple[Reals, Reals, Booleans]:
+    """Fit the lines that a state explains by least squares, until they stay the same; first those within reach (n,)."""
+    covariance, fits = np.full((_UNKNOWNS, _UNKNOWNS), np.nan), np.abs(seen.leave(state)) < reach
+    for _ in range(POLICY.refined):
+        if np.linalg.matrix_rank(seen.design[fits]) < _UNKNOWNS:
+            break
+        white = seen.design[fits] / seen.sigma_m_s[fits, np.newaxis]
+        covariance = np.linalg.inv(white.T @ white)
+        state = state - covariance @ white.T @ (seen.leave(state)[fits] / seen.sigma_m_s[fits])
+        now = np.abs(seen.leave(state)) < POLICY.beat_sigmas * seen.sigma_m_s
+        if np.array_equal(now, fits):
+            break
+        fits = now
+    return state, covariance, fits
+
+
+def _bound_chance(explained: Booleans, lines: Sequence[Line], step_s: float, tried: int) -> float:
+    """Bound the probability that so many independent lines, log-uniform in frequency, fit any state tried.
+
+    Four of them always do: those are taken that fit most easily.
+    """
+    e_folds = log(POLICY.most_beat_share / step_s / POLICY.least_beat_hz)
+    chances = [
+        min(1.0, 2.0 * POLICY.beat_sigmas * line.sigma_hz / line.frequency_hz / e_folds)
+        for line, fits in zip(lines, explained, strict=True)
+        if fits
+    ]
+    more = sorted(chances)[:-_UNKNOWNS]
+    return min(1.0, tried * comb(len(lines) - _UNKNOWNS, len(more)) * prod(more))
+
+
+def mirror_p_value(motion: CommonMotion, velocity_m_s: Reals, covariance_m2_s2: Reals) -> float:
+    """Return the p-value of an image of the antenna: |v + w| = |v| and d = 0, of w or -w.
+
+    velocity_m_s : (3,) of the tracked sky with its covariance (3, 3).
+    """
+    found = []
+    for sign in (1.0, -1.0):
+        w, d = sign * motion.state[:3], sign * motion.state[3]
+        slope = np.zeros((2, _UNKNOWNS))
+        slope[0, :3], slope[1, 3] = velocity_m_s + w, 1.0
+        covariance = slope @ motion.covariance @ slope.T
+        covariance[0, 0] += w @ covariance_m2_s2 @ w
+        off = np.array([velocity_m_s @ w + 0.5 * w @ w, d])
+        found.append(float(chi_square_survival(off @ np.linalg.solve(covariance, off), 2)))
+    return max(found)
+
+
+def common_p_value(motion: CommonMotion) -> float:
+    """Return the p-value of one modulation of all signals: w = 0."""
+    w = motion.state[:3]
+    return float(chi_square_survival(w @ np.linalg.solve(motion.covariance[:3, :3], w), 3))

@@ -1,0 +1,144 @@
+"""Test if the power of the tracked signals beats as with one further sky, over `beats`.
+
+Skies that overlap too much for a test of delays show within seconds once one of them moves: their carriers differ.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from skyproof.arrays import Booleans, Reals
+from skyproof.detectors.base import NotTested, Reporter
+from skyproof.detectors.correlators.beats import Line, common_p_value, find_line, fit_common_motion, mirror_p_value
+from skyproof.detectors.correlators.policy import POLICY
+from skyproof.detectors.correlators.vector_sqm_detector import VectorSqmSettings, compute_directions
+from skyproof.errors import require_probability
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.navigation.fix import fix
+from skyproof.records import (
+    Cause,
+    Datum,
+    Finding,
+    Hypothesis,
+    NavigationData,
+    Need,
+    Observations,
+    Records,
+    SignalId,
+    Taps,
+    list_refs,
+)
+
+__all__ = ["Beats", "BeatsSettings"]
+
+
+@dataclass(frozen=True)
+class BeatsSettings:
+    """Settings of `Beats`.
+
+    false_alarm_probability : of a receiver's window.
+    """
+
+    false_alarm_probability: float = 1e-3
+
+    def __post_init__(self) -> None:
+        require_probability("beats", "false_alarm_probability", self.false_alarm_probability)
+
+
+class Beats:
+    """Make one finding of each receiver with correlators and window.
+
+    Lines that one motion and clock explain are of a further sky, unless they may be those of the antenna's image in a
+    reflector, or of what modulates all signals at one rate. A receiver that is known to stand has no image that moves.
+    """
+
+    name = "beats"
+    needs = (Need.OBSERVATIONS, Need.NAVIGATION, Need.TAPS)
+
+    def __init__(self, settings: BeatsSettings | None = None) -> None:
+        self.settings = settings or BeatsSettings()
+
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
+        report = Reporter(self, records, Hypothesis.ONE_COMPONENT)
+        lacking = report.name_missing()
+        if lacking or records.navigation is None:
+            return lacking, state
+        by_receiver = {o.receiver: o for o in records.observations}
+        return [self._test_receiver(report, taps, by_receiver.get(taps.receiver)) for taps in records.taps], state
+
+    def _test_receiver(self, report: Reporter, taps: Taps, o: Observations | None) -> Finding:
+        """Find the lines of a receiver's signals and what explains them."""
+        navigation, refs = report.records.navigation, list_refs(taps.receiver, taps.signals)
+        needed = 4 + POLICY.beats_more
+        data: dict[str, Datum] = {"receiver": taps.receiver, "needed": needed}
+        tested = {} if o is None or navigation is None else _compute_directions(taps, o, navigation)
+        if o is None or navigation is None or len(tested) < needed:
+            return report.pass_over(refs, NotTested("few_signals", data))
+        step_s = float(np.median(np.diff(taps.elapsed_s)))
+        lines = {signal: line for signal in tested if (line := _find_line(taps, signal, step_s)) is not None}
+        signals = tuple(lines)
+        wavelength_m = SPEED_OF_LIGHT_M_S / np.array([signal.plan.carrier_hz for signal in signals])
+        motion = fit_common_motion(
+            tuple(lines.values()), wavelength_m, np.array([tested[signal] for signal in signals]), step_s
+        )
+        if motion is None:
+            p = dict.fromkeys((Cause.CLEAN, Cause.REFLECTIONS, Cause.INTERFERENCE, Cause.FAULT), 1.0)
+            return report.find(list_refs(taps.receiver, tuple(tested)), "apart", p, data={"lines": len(lines)})
+        stands = taps.receiver in report.records.standing
+        velocity = (np.zeros(3), np.zeros((3, 3))) if stands else _measure_velocity(o, navigation, tuple(tested))
+        chance, common = motion.p_value, common_p_value(motion)
+        p = {
+            Cause.CLEAN: chance,
+            Cause.REFLECTIONS: mirror_p_value(motion, *velocity),
+            Cause.INTERFERENCE: common,
+            Cause.FAULT: common,
+        }
+        return report.find(
+            list_refs(taps.receiver, tuple(s for s, of in zip(signals, motion.explained, strict=True) if of)),
+            "together" if chance < self.settings.false_alarm_probability else "apart",
+            p,
+            data={
+                "lines": len(lines),
+                "motion_m_s": float(np.linalg.norm(motion.state[:3])),
+                "clock_m_s": float(abs(motion.state[3])),
+            },
+        )
+
+
+def _compute_directions(taps: Taps, o: Observations, navigation: NavigationData) -> dict[SignalId, Reals]:
+    """Compute the rows of the geometry of each satellite's first signal that is the only one of its transmission."""
+    directions = compute_directions(o, navigation, taps.signals, VectorSqmSettings())
+    if directions is None:
+        return {}
+    tracked = [taps.signals[k] for k in np.flatnonzero(np.isfinite(taps.value).any(axis=(0, 2, 3)))]
+    sent = [signal.transmission for signal in tracked]
+    first: dict[str, SignalId] = {}
+    for signal in tracked:
+        if sent.count(signal.transmission) == 1:
+            first.setdefault(signal.sat, signal)
+    rows = dict(zip(taps.signals, directions.design, strict=True))
+    return {signal: rows[signal] for signal in first.values() if np.isfinite(rows[signal]).all()}
+
+
+def _find_line(taps: Taps, signal: SignalId, step_s: float) -> Line | None:
+    """Find the line in the power of a signal that was tracked through most of the window."""
+    prompt, carrier = int(np.argmin(np.abs(taps.delays_chips))), int(np.argmin(np.abs(taps.dopplers_hz)))
+    power = np.abs(taps.value[:, taps.signals.index(signal), carrier, prompt].astype(np.complex128)) ** 2
+    there: Booleans = np.isfinite(power)
+    if there.sum() < max(POLICY.least_looks, POLICY.guided_looks_share * there.size):
+        return None
+    looks = np.arange(there.size)
+    return find_line(np.interp(looks, looks[there], power[there]), step_s)
+
+
+def _measure_velocity(
+    o: Observations, navigation: NavigationData, signals: tuple[SignalId, ...]
+) -> tuple[Reals, Reals]:
+    """Measure the velocity (3,) over a window and its covariance, which holds how it changes; huge if there is none."""
+    velocity_m_s = fix(o, navigation, signals=signals).velocity_ecef_m_s
+    known = velocity_m_s[np.isfinite(velocity_m_s).all(axis=1)]
+    if len(known) < POLICY.least_velocities:
+        return np.zeros(3), np.eye(3) * SPEED_OF_LIGHT_M_S**2
+    return known.mean(axis=0), np.cov(known.T)
