@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from tests.detectors import nulls
 from tests.detectors.bands.test_detector import make_two_bands
+from tests.detectors.carrier_break.test_carrier_break import SCENE as BROKEN
+from tests.detectors.carrier_break.test_carrier_break import break_all
 from tests.detectors.correlators.test_beats import beat
 from tests.detectors.own_fixes.test_detector import HOME, make_fixes
 
@@ -15,6 +17,7 @@ from skyproof.detectors.array.ins_array import InsArray
 from skyproof.detectors.array.spin import Spin, SpinSettings
 from skyproof.detectors.bands.detector import Bands, BandsSettings
 from skyproof.detectors.base import Detector
+from skyproof.detectors.carrier_break.detector import CarrierBreak, CarrierBreakSettings
 from skyproof.detectors.code_carrier.detector import CodeCarrier, CodeCarrierSettings
 from skyproof.detectors.code_doppler.detector import CodeDoppler, CodeDopplerSettings
 from skyproof.detectors.code_motion.detector import CodeMotion, CodeMotionSettings
@@ -328,6 +331,15 @@ CASES = (
         20,
         100,
         conservative="the p-value bounds the chance of the best of many motions",
+    ),
+    Case(
+        "carriers that go on together",
+        lambda: CarrierBreak(CarrierBreakSettings(false_alarm_probability=0.3)),
+        lambda rng: break_all(nulls.track(BROKEN.records(rng)), 0.1),
+        40,
+        400,
+        ("undecided",),
+        "reflections may turn carriers more than they do in these records",
     ),
     Case(
         "codes that go with Dopplers",

@@ -15,6 +15,7 @@ from skyproof.detectors.array.ins_array import InsArray
 from skyproof.detectors.array.spin import Spin
 from skyproof.detectors.bands.detector import Bands
 from skyproof.detectors.base import NEEDS
+from skyproof.detectors.carrier_break.detector import CarrierBreak
 from skyproof.detectors.code_carrier.detector import CodeCarrier
 from skyproof.detectors.code_doppler.detector import CodeDoppler
 from skyproof.detectors.code_motion.detector import CodeMotion
@@ -374,6 +375,10 @@ CASES = {
     ("code_carrier", "no_carrier"): (
         lambda: examine_all(CodeCarrier(), change_cells(clean(), carrier_cyc=drop_all, doppler_hz=drop_all)),
         "signals of rx1 have code and carrier, or Doppler",
+    ),
+    ("carrier_break", "no_carriers"): (
+        lambda: examine_all(CarrierBreak(), nulls.track(change_cells(clean(), carrier_cyc=drop_all))),
+        "rx1 has no carrier phases",
     ),
     ("code_doppler", "few_epochs"): (
         lambda: examine_all(CodeDoppler(), nulls.track(change_cells(clean(), doppler_hz=drop_all))),

@@ -134,6 +134,8 @@ MADE_ELSEWHERE = {
     "bands": None,
     "base": None,
     "beats": None,
+    "carrier_break": None,
+    "phases": None,
     "beats_detector": None,
     "code_carrier": None,
     "code_doppler": None,

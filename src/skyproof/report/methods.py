@@ -6,6 +6,7 @@ _ABOUT = {
     "array_common": ("Directions on an antenna array", "Do signals of several satellites come from one direction?"),
     "bands": ("Bands compared", "Do the codes of a satellite's bands differ by no more than the ionosphere explains?"),
     "beats": ("Beats of the signals' power", "Do signals beat as with a second sky that overlaps the tracked one?"),
+    "carrier_break": ("Carriers that break together", "Do carriers that break at one moment go on together?"),
     "code_carrier": ("Code against carrier", "Does the code of each signal move with its carrier?"),
     "code_doppler": ("Code against Doppler", "Does the code of each tracked signal move as its Doppler says?"),
     "code_motion": (

@@ -1,0 +1,1 @@
+"""Compare the phases of carriers that broke together, before and after."""
