@@ -2,6 +2,7 @@
 
     python bench/drawn.py --attacks 1000 --clean 500 --out drawn.jsonl --processes 2   goes on where it was stopped
     python bench/drawn.py --several 300 --out drawn.jsonl                              some satellites, some antennas
+    python bench/drawn.py --beside 40 --out drawn.jsonl                                four of ten beside true ones
     python bench/drawn.py --samples 60 --out drawn.jsonl                               attacks through samples
     python bench/drawn.py --several-samples 30 --out drawn.jsonl                       some satellites through samples
     python bench/drawn.py --only attack-17 -v                                          everything about one scene
@@ -33,7 +34,7 @@ from skyproof.explain import explain
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.simulator.files import write_samples
 from skyproof.studies.protection.errors import compare_with_truth
-from skyproof.studies.random_scenes import BuiltScene, DrawnScene, build_scene, default_sigma_m, draw_scene
+from skyproof.studies.random_scenes import BESIDE_SATS, BuiltScene, DrawnScene, build_scene, default_sigma_m, draw_scene
 from skyproof.studies.receiver_model import ChannelNoise, KnownReception, add_truth, model_receptions, true_offset_s
 from skyproof.verdict import WORDS, write_word
 
@@ -133,7 +134,7 @@ def scene_of_name(name: str, **options: Any) -> tuple[DrawnScene, BuiltScene | N
     own = name.removeprefix("samples-")
     if own == name:
         drawn = draw_scene(name, **options)
-        return drawn, build_scene(drawn), False
+        return drawn, build_scene(drawn, n_sats=BESIDE_SATS if name.startswith("beside") else None), False
     drawn = draw_scene(own, **(SAMPLES[own.partition("-")[0]] | options))
     return drawn, build_scene(drawn, n_sats=MOST_SATS), True
 
@@ -253,7 +254,7 @@ def table(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     """The counts."""
     yield from (f"{row['name']} crashed: {row['error']}" for row in rows if row["verdict"] == "crashed")
     rows = [row for row in rows if row["verdict"] not in ("no scene", "crashed")]
-    for kind in ("attack", "several", "clean", "samples-attack", "samples-several"):
+    for kind in ("attack", "several", "beside", "clean", "samples-attack", "samples-several"):
         mine = [row for row in rows if row["name"].startswith(kind)]
         if not mine:
             continue
@@ -383,6 +384,7 @@ def main() -> None:
     options.add_argument("--attacks", type=int, default=0)
     options.add_argument("--clean", type=int, default=0)
     options.add_argument("--several", type=int, default=0, help="some satellites imitated from one to four antennas")
+    options.add_argument("--beside", type=int, default=0, help="four of ten imitated beside the true ones")
     options.add_argument("--samples", type=int, default=0, help="attacks that go through samples and protect itself")
     options.add_argument("--several-samples", type=int, default=0, help="those that go through samples and protect")
     options.add_argument("--first", type=int, default=0, help="number of the first scene of each kind")
@@ -397,6 +399,7 @@ def main() -> None:
         "attack": chosen.attacks,
         "clean": chosen.clean,
         "several": chosen.several,
+        "beside": chosen.beside,
         "samples-attack": chosen.samples,
         "samples-several": chosen.several_samples,
     }

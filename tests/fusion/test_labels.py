@@ -204,6 +204,17 @@ def test_a_minority_is_not_authentic_where_most_fail_together(invented):
     assert all(s.because == () for s in labels if s.label == "unknown")
 
 
+@pytest.mark.parametrize(("withheld", "label"), [((), "unknown"), (("G13a",), "authentic")])
+def test_what_fits_and_is_withheld_did_not_make_a_test_fail(invented, withheld, label):
+    failed = [invented.evidence(w, "undecided", *ALL, detector="two", p_value=1e-30) for w in range(4)]
+    true = [invented.evidence(w, "authentic", *ALL[:3]) for w in range(4)]
+    refs = tuple(ref for ref in failed[0].signals if ref.signal.sat + ref.signal.copy in withheld)
+    true = [replace(e, estimates={**e.estimates, "withheld": refs}) for e in true]
+    labels = label_signals([*true, *failed], [invented.observations()])
+    assert list_stretches(labels) == [(label, 0, 39)]
+    assert list_stretches(labels, "G13a") == [("unknown", 0, 39)]
+
+
 def test_a_failed_overruling_test_leaves_its_signals_open(invented):
     broken = invented.evidence(2, "undecided", "G05a", "G07a", detector="two", overrules=True)
     evidence = [*(invented.evidence(window, "authentic", *ALL) for window in range(4)), broken]

@@ -127,7 +127,8 @@ def _collect_votes(evidence: Sequence[Finding], o: ObservationLog) -> dict[Signa
         for e in findings:
             refs = {ref for ref in e.signals if ref.receiver == o.receiver}
             label: Label = e.says if e.says in ("authentic", "spoofed", "multipath") else "unknown"
-            if label == "authentic" and any(len((refs | false) & f) < POLICY.nearly_all_share * len(f) for f in failed):
+            known = refs | false | set(e.withheld)  # what is withheld fits as well: it did not make a test fail
+            if label == "authentic" and any(len(known & f) < POLICY.nearly_all_share * len(f) for f in failed):
                 label = "unknown"
             if e.says == "authentic":
                 refs -= overruled

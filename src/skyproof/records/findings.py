@@ -276,6 +276,11 @@ class Finding(ShortRepr):
         return tuple(self.estimates.get("baselines", ()))
 
     @property
+    def withheld(self) -> tuple[SignalRef, ...]:
+        """Return signals that fit the others, and that the test leaves out as false ones could take their place."""
+        return tuple(self.estimates.get("withheld", ()))
+
+    @property
     def overlapping(self) -> tuple[OverlappingSkies, ...]:
         """Return the skies that signals were taken apart into, instant by instant."""
         return tuple(self.estimates.get("overlapping", ()))

@@ -29,14 +29,16 @@ from skyproof.simulator.scenario import (
 from skyproof.simulator.sites import Site, WayPoints
 from skyproof.simulator.sky import make_scene
 
-__all__ = ["BuiltScene", "DrawnAttack", "DrawnScene", "build_scene", "default_sigma_m", "draw_scene"]
+__all__ = ["BESIDE_SATS", "BuiltScene", "DrawnAttack", "DrawnScene", "build_scene", "default_sigma_m", "draw_scene"]
 
 Vector = tuple[float, float, float]
 Knowledge = Literal["nothing", "distance", "positions"]
 
 SEED = 1
-KINDS = ("clean", "attack", "several")
-"""No attack; one transmitter that does anything; one or several antennas that imitate one satellite, or more."""
+KINDS = ("clean", "attack", "several", "beside")
+"""No attack; one transmitter that does anything; one or several antennas that imitate one satellite, or more; two that
+imitate four of ten beside the true ones, up to 8 dB stronger, at two receivers 40 m apart, with that stated."""
+BESIDE_SATS = 10
 NEAREST_M, FARTHEST_M = 3.0, 300.0  # of two antennas
 FARTHEST_OF_SEVERAL_M = 100.0
 CHIP_S = 1e-3 / 1023
@@ -147,7 +149,7 @@ def draw_scene(name: str, *, most_receivers: int = 5, duration_s: float | None =
     """Draw the scene of a name such as "attack-17". duration_s : in place of a drawn one."""
     kind, _, number = name.partition("-")
     if kind not in KINDS or not number.isdigit():
-        raise ScenarioError(f"no scene named {name!r}; give attack-NUMBER, several-NUMBER or clean-NUMBER")
+        raise ScenarioError(f"no scene named {name!r}; give one of {', '.join(KINDS)}, and -NUMBER")
     rng = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(KINDS.index(kind), int(number))))
     several = kind == "several"
     counts, shares = ([2, 3, 4, 5], [0.5, 0.2, 0.15, 0.15]) if several else ([2, 3, 4], [0.6, 0.25, 0.15])
@@ -186,7 +188,8 @@ def draw_scene(name: str, *, most_receivers: int = 5, duration_s: float | None =
     attack = _attack(rng, antennas, lasts_s, motion, drawn["zenith_cn0_dbhz"]) if kind != "clean" else None
     if several and attack is not None:
         attack = _several(rng, attack, n)
-    return DrawnScene(**drawn, attack=attack)
+    scene = DrawnScene(**drawn, attack=attack)
+    return scene if kind != "beside" or attack is None else _stand_beside(rng, scene, attack)
 
 
 def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
@@ -292,6 +295,28 @@ def _several(rng: np.random.Generator, attack: DrawnAttack, n: int) -> DrawnAtta
         away_enu_m=away,
         late_s=abs(attack.late_s),
         n_sats=int(rng.integers(1, 11)),
+    )
+
+
+def _stand_beside(rng: np.random.Generator, scene: DrawnScene, attack: DrawnAttack) -> DrawnScene:
+    """Change to two receivers that stand 40 m apart, and a spoofer of four satellites by two antennas from 12 s on."""
+    quiet = replace(_several(rng, attack, 2), kind="spoofer", focus=0, rides=False, power_rises_s=0.0, n_sats=4)
+    transmit = [_above(_level(rng, _log_uniform(rng, 50.0, 1000.0), 0.3)) for _ in range(2)]
+    return replace(
+        scene,
+        duration_s=56.0,
+        antennas_body_m=((0.0, 0.0, 0.0), _level(rng, 40.0, 0.0)),
+        motion="still",
+        clocks_s=tuple(rng.uniform(-3e-4, 3e-4, 2).tolist()),
+        lo_ppm=tuple(rng.uniform(-1.0, 1.0, 2).tolist()),
+        given="distance",
+        attack=replace(
+            quiet,
+            transmit_enu_m=transmit[0],
+            others_enu_m=(transmit[1],),
+            power_db=float(rng.uniform(0.0, 8.0)),
+            onset_s=12.0,
+        ),
     )
 
 

@@ -260,6 +260,30 @@ def test_one_satellite_that_jumps_by_itself_is_no_step():
     assert not select_failed(examine_all(replace(o, pseudorange_m=pseudorange_m)))
 
 
+def fit_fewer(windows, columns):
+    """Take signals out of the sets of all windows but the first, as where they do not fit one position any more."""
+    first, *later = windows
+    gone = {first.observations[0].signals[k] for k in columns}
+    fewer = [replace(w, sets=tuple(replace(s, signals=tuple(set(s.signals) - gone)) for s in w.sets)) for w in later]
+    return [first, *fewer]
+
+
+@pytest.mark.parametrize("stepped", [False, True], ids=["goes on", "steps"])
+def test_only_signals_that_fit_one_position_make_it_step(stepped):
+    # Two satellites' channels go over to signals 250 m later and back: leaving one out after the other cures no fit.
+    one, other = observe_scene(), observe_scene(1, place=(300.0, -200.0))
+    o = join_rows(one, other, 130, slip=False) if stepped else one
+    late_m = np.where((o.elapsed_s >= 15.0) & (o.elapsed_s < 23.0) | (o.elapsed_s >= 31.0), 250.0, 0.0)
+    columns = [0, 1]
+    pseudorange_m = o.pseudorange_m.copy()
+    pseudorange_m[:, columns] += late_m[:, None]
+    detector, state, failed = Continuity(ContinuitySettings(false_alarm_probability=1e-6)), None, []
+    for records in fit_fewer(make_windows(replace(o, pseudorange_m=pseudorange_m)), columns):
+        evidence, state = detector.examine(records, state)
+        failed += [e for e in evidence if e.code == "step"]
+    assert bool(failed) == stepped
+
+
 @pytest.mark.parametrize("steps", [-1, 1])
 def test_a_clock_steered_by_a_millisecond_goes_on(steps):
     o = observe_scene()

@@ -50,6 +50,7 @@ def test_a_satellite_behind_the_antenna_needs_a_known_false_one(behind):
     kept, spoofed = withhold_doubtful(records, [sky], examine_all(records, sky, other_sats))
     assert {ref.signal.sat for ref in sky.subject} - {ref.signal.sat for ref in kept.signals} == {sat}
     assert (kept.says, kept.data["doubtful"]) == ("authentic", 1)
+    assert set(kept.withheld) == set(sky.subject) - set(kept.signals)
     assert spoofed.says == "spoofed"
     whole = examine_all(records, sky, sky.ranges.sats)
     assert withhold_doubtful(records, [sky], whole) == whole

@@ -3,8 +3,9 @@
 Two windows may each look good, and still not continue one another: the halves of two receivers' recordings joined, a
 recording that begins again, an attack that takes over in one step. For each receiver the satellites of its consistent
 set are followed from window to window, by what was sent and not by channel: signals that were lost and found again
-under another name are the same satellite's. `steps` finds where they step. Each kind of signal (time scale,
-band, code) is looked at alone, for it may be imitated alone; kinds of few satellites together with the largest.
+under another name are the same satellite's. What does not fit the set's position in this window is left out, as it
+moves by itself. `steps` finds where the others step. Each kind of signal (time scale, band, code) is looked at alone,
+for it may be imitated alone; kinds of few satellites together with the largest.
 
 A receiver that is stated to stand and moves by all its carriers (`standing`) is attacked, or the statement is wrong:
 the word is "attack" under that assumption. Codes that show a motion which carriers do not show (`code_drag`) indicate
@@ -223,14 +224,16 @@ class _Window:
         )
         if stretch.gpst.size < POLICY.untested_epochs or now.gpst.size == 0:
             return replace(look, untested=explain_few_epochs(self.o, stretch.gpst.size, stepped=False))
-        groups = self._group_kinds(stretch, place_ecef_m)
+        sent = {signal.transmission for signal in members}
+        sky = stretch.select_channels(np.flatnonzero([s.transmission in sent for s in stretch.signals]))
+        groups = self._group_kinds(sky, place_ecef_m)
         code_drag = self._find_code_drag(groups)
         if code_drag is not None and self.past is not None:
             span_from_s = float(stretch.elapsed_s[-1]) - max(POLICY.code_spans_s)
             if self.past.first_step_s < span_from_s:  # by reflections larger than stated: some in a row are a motion
                 code_drag = code_drag._replace(whole_sky_p_value=1.0)
         kept = stretch.elapsed_s >= (-np.inf if self.past is None else self.past.stepped_s)
-        unbroken = groups if kept.all() else self._group_kinds(stretch.select(kept), place_ecef_m)
+        unbroken = groups if kept.all() else self._group_kinds(sky.select(kept), place_ecef_m)
         steps, n_kept = self._find_steps(look, unbroken), int(kept.sum())
         untested = None
         if not steps and n_kept < POLICY.untested_epochs:

@@ -36,7 +36,8 @@ def _leave_out_doubtful(e: Finding, doubtful: set[SignalRef]) -> Finding:
         return e
     data = {**e.data, "doubtful": n}
     if len({ref.signal.sat for ref in kept}) >= POLICY.fix_satellites:
-        return replace(e, signals=kept, data=data)
+        withheld = tuple(ref for ref in e.signals if ref in doubtful)
+        return replace(e, signals=kept, data=data, estimates={**e.estimates, "withheld": withheld})
     del data["group"]
     open_: dict[str, Any] = {"p": leave_open((Cause.FALSE_SKY,)), "hypothesis": Hypothesis.FALSE_SKY}
     return replace(e, code="few_without_doubtful", data={**data, "found": e.code}, **open_)
