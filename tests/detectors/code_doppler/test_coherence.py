@@ -53,6 +53,8 @@ def test_two_ways_part_a_code_at_most_at_its_rate(drawn_chips: float) -> None:
         (np.where(SECONDS > 4.5, 1.4 * CHIP_M, 0.0), 0.0),  # the direct signal is blocked
         (0.2 * CHIP_M * np.sin(SECONDS), 0.0),  # a reflection that fades
         (0.7 * CHIP_M * (SECONDS > 3.5) + 0.7 * CHIP_M * (SECONDS > 7.5), 0.0),  # from reflection to reflection
+        (0.4 * CHIP_M * (SECONDS % 4 < 2) - 0.1 * SECONDS, 0.0),  # a loop beside a strong reflection
+        (-150.0 * (SECONDS % 10), 0.0),  # and one that falls behind and jumps back
         (0.0, 2 * SPEED_OF_LIGHT_M_S / 1575.42),  # a strong signal's cross-correlation, 2 kHz off
     ],
 )

@@ -7,7 +7,7 @@ blocked, or is there again, leaves its reflection alone: the code jumps within a
 reflection later.
 
 A channel that holds the cross-correlation of a strong signal has that signal's code, and its carrier off by a multiple
-of the code's repetition rate (Kaplan & Hegarty, 8.7). That multiple is removed.
+of the code's repetition rate (Kaplan & Hegarty, 8.7): with that multiple, or without, they must go one way.
 
 Model. The code's change over a stretch less that of its Doppler, without the half of its seconds that bring it nearest
 to zero, is normal with a mean between -M and M. Its variance is that of four codes, of multipath, and of the Dopplers.
@@ -53,9 +53,11 @@ def coherence_p_values(o: Observations, columns: Indices, multipath_sigma_m: flo
         gap_s = np.diff(elapsed_s)
         steps_m = steps_m - rate_m_s * gap_s
         repeated_m_s = wavelength_m / plan.period_s
-        steps_m -= repeated_m_s * np.rint(np.median(steps_m / gap_s) / repeated_m_s) * gap_s
+        held_m_s = repeated_m_s * np.rint(np.median(steps_m / gap_s) / repeated_m_s)
         seconds = np.floor(elapsed_s[1:] - elapsed_s[0]).astype(np.intp)
-        nearest_m = _leave_out_half(np.bincount(seconds, steps_m).astype(np.float64))
+        nearest_m = min(
+            _leave_out_half(np.bincount(seconds, steps_m - rate * gap_s).astype(np.float64)) for rate in (0.0, held_m_s)
+        )
         variance_m2 = (
             4.0 * float(np.mean(o.pseudorange_sigma_m[known, column] ** 2) + multipath_sigma_m**2)
             + float(np.sum((wavelength_m * o.doppler_sigma_hz[known, column][1:] * gap_s) ** 2))
