@@ -12,7 +12,8 @@ Reflections make lines as well:
 - of several reflectors they fit four unknowns by chance only. Their frequencies are taken as log-uniform: no decade of
   them is likelier than another.
 - of one reflector for all satellites, or of parallel ones, they are those of the antenna's image. An image moves as
-  fast as the antenna and has its clock: |v + w| = |v| and d = 0 (Kaplan & Hegarty, 9.5: specular reflection).
+  fast as the antenna and has its clock: |v + w| = |v| and d = 0 (Kaplan & Hegarty, 9.5: specular reflection). If the
+  reflector moves, all satellites are still before it, and u . w has one sign.
 
 What modulates all signals at one rate (a radar, the mains, a rotor) has w = 0, as has a further sky at the same place
 whose clock runs otherwise.
@@ -27,7 +28,7 @@ import numpy as np
 
 from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.detectors.correlators.policy import POLICY
-from skyproof.statistics.distributions import chi_square_survival
+from skyproof.statistics.distributions import chi_square_survival, normal_two_sided
 
 __all__ = ["CommonMotion", "Line", "common_p_value", "find_line", "fit_common_motion", "mirror_p_value"]
 
@@ -174,10 +175,15 @@ def _bound_chance(explained: Booleans, lines: Sequence[Line], step_s: float, tri
 
 
 def mirror_p_value(motion: CommonMotion, velocity_m_s: Reals, covariance_m2_s2: Reals) -> float:
-    """Return the p-value of an image of the antenna: |v + w| = |v| and d = 0, of w or -w.
+    """Return the p-value of an image of the antenna in a fixed reflector, or in one that moves.
 
+    In a fixed one |v + w| = |v| and d = 0, of w or -w. One that moves has all satellites before it: u . w has one sign.
     velocity_m_s : (3,) of the tracked sky with its covariance (3, 3).
     """
+    to_line = np.delete(motion.design, 3, axis=1)
+    sigma_m_s = np.sqrt(np.einsum("ni,ij,nj->n", to_line, motion.covariance[:3, :3], to_line))
+    along = (to_line @ motion.state[:3] / sigma_m_s)[motion.explained]
+    one_sign = along.size * float(normal_two_sided(max(min(along.max(), -along.min()), 0.0)))
     found = []
     for sign in (1.0, -1.0):
         w, d = sign * motion.state[:3], sign * motion.state[3]
@@ -187,7 +193,7 @@ def mirror_p_value(motion: CommonMotion, velocity_m_s: Reals, covariance_m2_s2: 
         covariance[0, 0] += w @ covariance_m2_s2 @ w
         off = np.array([velocity_m_s @ w + 0.5 * w @ w, d])
         found.append(float(chi_square_survival(off @ np.linalg.solve(covariance, off), 2)))
-    return max(found)
+    return float(min(1.0, max(*found, one_sign)))
 
 
 def common_p_value(motion: CommonMotion) -> float:
