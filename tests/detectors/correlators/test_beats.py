@@ -62,6 +62,24 @@ def test_a_further_sky_is_an_attack(state, amplitude):
     assert abs(found.data["clock_m_s"] - abs(state[3])) < 0.02
 
 
+def test_a_slow_sky_shows_in_two_windows():
+    # At 0.4 m/s few lines are fast enough to be sure after one window.
+    state = np.array([0.3, 0.2, -0.17, 0.0])
+    records = move(state, amplitude=0.3)
+    (o,), (taps,) = records.observations, records.taps
+    at_s = STEP_S * np.arange(2 * LOOKS)
+    rates_m_s = read_directions(records) @ state
+    phases = np.random.default_rng(1).random(len(o.signals))
+    value = (1.0 + 0.3 * np.exp(2j * np.pi * (at_s[:, None] * rates_m_s / WAVELENGTH_M + phases)))[:, :, None, None]
+    detector, remembered, p_values = Beats(), None, []
+    for half in (slice(0, LOOKS), slice(LOOKS, None)):
+        looks = replace(taps, elapsed_s=at_s[half], value=value[half].astype(np.complex64))
+        (found,), remembered = detector.examine(replace(records, taps=(looks,)), remembered)
+        p_values.append(found.p[Cause.CLEAN])
+    assert p_values[1] < 0.1 * p_values[0]
+    assert found.data["motion_m_s"] == pytest.approx(np.linalg.norm(state[:3]), rel=0.02)
+
+
 def test_two_lines_of_others_hide_nothing():
     rates_m_s = read_directions(beat(np.random.default_rng(1), np.zeros(10))) @ [2.0, 1.1, -1.6, 0.0]
     rates_m_s[[2, 7]] = 1.9, np.nan

@@ -3,6 +3,7 @@
 Skies that overlap too much for a test of delays show within seconds once one of them moves: their carriers differ.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,14 @@ import numpy as np
 
 from skyproof.arrays import Booleans, Reals
 from skyproof.detectors.base import NotTested, Reporter
-from skyproof.detectors.correlators.beats import Line, common_p_value, find_line, fit_common_motion, mirror_p_value
+from skyproof.detectors.correlators.beats import (
+    CommonMotion,
+    Line,
+    common_p_value,
+    find_line,
+    fit_common_motion,
+    mirror_p_value,
+)
 from skyproof.detectors.correlators.policy import POLICY
 from skyproof.detectors.correlators.vector_sqm_detector import VectorSqmSettings, compute_directions
 from skyproof.errors import require_probability
@@ -47,7 +55,7 @@ class BeatsSettings:
 
 
 class Beats:
-    """Make one finding of each receiver with correlators and window.
+    """Make one finding of each receiver with correlators and window; look at the window before as well.
 
     Lines that one motion and clock explain are of a further sky, unless they may be those of the antenna's image in a
     reflector, or of what modulates all signals at one rate. A receiver that is known to stand has no image that moves.
@@ -66,29 +74,33 @@ class Beats:
         if lacking or records.navigation is None:
             return lacking, state
         by_receiver = {o.receiver: o for o in records.observations}
-        return [self._test_receiver(report, taps, by_receiver.get(taps.receiver)) for taps in records.taps], state
+        before: Mapping[str, _Powers] = state or {}
+        powers, found = dict(before), []
+        for taps in records.taps:
+            powers[taps.receiver] = now = _read_powers(taps)
+            earlier = before.get(taps.receiver)
+            stretches = [now] if earlier is None or not earlier.goes_on_in(now) else [now, earlier.join(now)]
+            found.append(self._test_receiver(report, taps, by_receiver.get(taps.receiver), stretches))
+        return found, powers
 
-    def _test_receiver(self, report: Reporter, taps: Taps, o: Observations | None) -> Finding:
-        """Find the lines of a receiver's signals and what explains them."""
+    def _test_receiver(
+        self, report: Reporter, taps: Taps, o: Observations | None, stretches: "Sequence[_Powers]"
+    ) -> Finding:
+        """Find what explains the lines of a receiver's signals, in the stretch that shows most."""
         navigation, refs = report.records.navigation, list_refs(taps.receiver, taps.signals)
         needed = 4 + POLICY.beats_more
         data: dict[str, Datum] = {"receiver": taps.receiver, "needed": needed}
         tested = {} if o is None or navigation is None else _compute_directions(taps, o, navigation)
         if o is None or navigation is None or len(tested) < needed:
             return report.pass_over(refs, NotTested("few_signals", data))
-        step_s = float(np.median(np.diff(taps.elapsed_s)))
-        lines = {signal: line for signal in tested if (line := _find_line(taps, signal, step_s)) is not None}
-        signals = tuple(lines)
-        wavelength_m = SPEED_OF_LIGHT_M_S / np.array([signal.plan.carrier_hz for signal in signals])
-        motion = fit_common_motion(
-            tuple(lines.values()), wavelength_m, np.array([tested[signal] for signal in signals]), step_s
-        )
+        every = [_fit_lines(stretch, tested) for stretch in stretches]
+        signals, motion = min(every, key=lambda one: 1.0 if one[1] is None else one[1].p_value)
         if motion is None:
             p = dict.fromkeys((Cause.CLEAN, Cause.REFLECTIONS, Cause.INTERFERENCE, Cause.FAULT), 1.0)
-            return report.find(list_refs(taps.receiver, tuple(tested)), "apart", p, data={"lines": len(lines)})
+            return report.find(list_refs(taps.receiver, tuple(tested)), "apart", p, data={"lines": len(signals)})
         stands = taps.receiver in report.records.standing
         velocity = (np.zeros(3), np.zeros((3, 3))) if stands else _measure_velocity(o, navigation, tuple(tested))
-        chance, common = motion.p_value, common_p_value(motion)
+        chance, common = min(1.0, len(every) * motion.p_value), common_p_value(motion)
         p = {
             Cause.CLEAN: chance,
             Cause.REFLECTIONS: mirror_p_value(motion, *velocity),
@@ -100,11 +112,49 @@ class Beats:
             "together" if chance < self.settings.false_alarm_probability else "apart",
             p,
             data={
-                "lines": len(lines),
+                "lines": len(signals),
                 "motion_m_s": float(np.linalg.norm(motion.state[:3])),
                 "clock_m_s": float(abs(motion.state[3])),
             },
         )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Powers:
+    """Powers (n,) of signals at looks (n,); NaN where a signal was not tracked."""
+
+    elapsed_s: Reals
+    power: Mapping[SignalId, Reals]
+
+    @property
+    def step_s(self) -> float:
+        return float(np.median(np.diff(self.elapsed_s)))
+
+    def goes_on_in(self, later: "_Powers") -> bool:
+        """Tell whether the looks of a later stretch follow without a gap."""
+        gap_s = float(later.elapsed_s[0] - self.elapsed_s[-1])
+        return 0.0 < gap_s < POLICY.longest_gap_s
+
+    def join(self, later: "_Powers") -> "_Powers":
+        """Join what is tracked in both."""
+        both = {s: np.concatenate([self.power[s], power]) for s, power in later.power.items() if s in self.power}
+        return _Powers(elapsed_s=np.concatenate([self.elapsed_s, later.elapsed_s]), power=both)
+
+
+def _read_powers(taps: Taps) -> _Powers:
+    """Read the power of the prompt correlators."""
+    prompt, carrier = int(np.argmin(np.abs(taps.delays_chips))), int(np.argmin(np.abs(taps.dopplers_hz)))
+    power = np.abs(taps.value[:, :, carrier, prompt].astype(np.complex128)) ** 2
+    return _Powers(elapsed_s=taps.elapsed_s, power=dict(zip(taps.signals, power.T, strict=True)))
+
+
+def _fit_lines(powers: _Powers, tested: Mapping[SignalId, Reals]) -> tuple[tuple[SignalId, ...], CommonMotion | None]:
+    """Return the signals of a stretch whose powers have lines, and what one motion and clock explain of these."""
+    step_s = powers.step_s
+    lines = {s: line for s in tested if s in powers.power and (line := _find_line(powers.power[s], step_s)) is not None}
+    wavelength_m = SPEED_OF_LIGHT_M_S / np.array([signal.plan.carrier_hz for signal in lines])
+    rows = np.array([tested[signal] for signal in lines]).reshape(-1, 4)
+    return tuple(lines), fit_common_motion(tuple(lines.values()), wavelength_m, rows, step_s)
 
 
 def _compute_directions(taps: Taps, o: Observations, navigation: NavigationData) -> dict[SignalId, Reals]:
@@ -122,10 +172,8 @@ def _compute_directions(taps: Taps, o: Observations, navigation: NavigationData)
     return {signal: rows[signal] for signal in first.values() if np.isfinite(rows[signal]).all()}
 
 
-def _find_line(taps: Taps, signal: SignalId, step_s: float) -> Line | None:
-    """Find the line in the power of a signal that was tracked through most of the window."""
-    prompt, carrier = int(np.argmin(np.abs(taps.delays_chips))), int(np.argmin(np.abs(taps.dopplers_hz)))
-    power = np.abs(taps.value[:, taps.signals.index(signal), carrier, prompt].astype(np.complex128)) ** 2
+def _find_line(power: Reals, step_s: float) -> Line | None:
+    """Find the line in the powers (n,) of a signal that was tracked through most of a stretch."""
     there: Booleans = np.isfinite(power)
     if there.sum() < max(POLICY.least_looks, POLICY.guided_looks_share * there.size):
         return None

@@ -66,6 +66,9 @@ class CorrelatorPolicy:
     repetitions: tuple[int, ...] = number(
         (0, 1), "1", "A sky that moves by 9 m/s beside the tracked one has beats up to the rate of 50 looks a second."
     )
+    longest_gap_s: float = number(
+        0.5, "s", "Between looks of two windows that are looked at as one: no line drifts so fast."
+    )
     least_velocities: int = number(10, "1", "Fixes of a window whose scatter is known to a quarter.")
     refined: int = number(
         8, "1", "Motions that are fitted to all lines that they explain, those with most lines first."
