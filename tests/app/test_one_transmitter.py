@@ -5,7 +5,8 @@ import pytest
 from tests.app import kit
 
 from skyproof.simulator.attacks import TransmitAntenna
-from skyproof.simulator.scenario import Multipath, ScenePlace, Sky, Spoofer, Takeover
+from skyproof.simulator.scenario import FrontEnd, Multipath, ScenePlace, Sky, Spoofer, Takeover
+from skyproof.simulator.scenes import read_ready_made
 
 pytestmark = pytest.mark.long
 
@@ -79,6 +80,21 @@ def test_a_few_second_signals_from_two_antennas_are_counted(tmp_path):
     judged = kit.protect_scenario(kit.make_scenario(attacks=(few,)), tmp_path, **state_antennas("distance"))
     assert judged.verdict.verdict != "authentic"
     assert [s.kind for s in judged.result.outcome.decision.unexplained] == ["rival"] * 4
+    assert find_largest_ratio(judged) < 1.0
+
+
+def test_four_of_ten_are_named_though_recordings_start_milliseconds_apart(tmp_path):
+    # The ready-made scene at a lower rate: two from each of two antennas, ever stronger.
+    made = read_ready_made("some-satellites")
+    late = made.receivers[1].model_copy(update={"start_offset_s": 0.0123, "clock_offset_s": -0.005})
+    front_end = FrontEnd(rate_hz=2.6e6, bandwidth_hz=2.08e6)
+    changes = {"duration_s": 46.0, "front_end": front_end, "receivers": (made.receivers[0], late)}
+    judged = kit.protect_scenario(made.model_copy(update=changes), tmp_path, antenna_distance_m=40.0)
+    assert judged.verdict.verdict == "spoofed"
+    assert judged.find_false_labels() == []
+    for r in judged.result.outcome.receivers:
+        assert judged.list_named("spoofed", r.reception.source.name) == {"G07", "G17", "G21", "G29"}
+        assert np.mean(r.trusted.status == 0) > 0.95
     assert find_largest_ratio(judged) < 1.0
 
 
