@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from tests.detectors import nulls
 
-from skyproof.detectors.correlators.beats import find_line
+from skyproof.detectors.correlators.beats import Line, find_line, fit_common_motion, mirror_p_value
 from skyproof.detectors.correlators.beats_detector import Beats
 from skyproof.detectors.correlators.vector_sqm_detector import VectorSqmSettings, compute_directions
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -118,6 +118,23 @@ def test_a_reflector_that_moves_has_all_satellites_before_it():
     assert (directions @ up).min() > 0.0
     found = examine(move((*(3.0 * up), 0.0)))
     assert found.may_also_be == (Cause.REFLECTIONS,)
+
+
+def test_a_street_of_two_parallel_walls_stays_open():
+    # Fast enough for lines that repeat with the rate of looks: the clock's rate is known but for that.
+    rng, repeated_m_s = np.random.default_rng(7), WAVELENGTH_M / STEP_S
+    design = read_directions(move((0.0, 0.0, 0.0, 0.0)))
+    explained = 0
+    for _ in range(40):
+        velocity_m_s, normal = (8.0 * rng.standard_normal(3) for _ in range(2))
+        normal /= np.linalg.norm(normal)
+        rates_m_s = np.abs(design[:, :3] @ (-2.0 * (velocity_m_s @ normal) * normal))
+        rates_m_s = np.abs(rates_m_s - repeated_m_s * np.rint(rates_m_s / repeated_m_s))
+        lines = [Line(float(rate) / WAVELENGTH_M, 0.01, 1e4) for rate in rates_m_s]
+        motion = fit_common_motion(lines, np.full(10, WAVELENGTH_M), design, STEP_S)
+        explained += motion is not None and motion.p_value < 1e-7
+        assert motion is None or mirror_p_value(motion, velocity_m_s, 1e-4 * np.eye(3)) > 1e-3
+    assert explained > 20
 
 
 def test_reflections_of_several_walls_are_none():

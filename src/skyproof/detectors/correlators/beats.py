@@ -123,6 +123,8 @@ def _fit_most(
     state, covariance, explained = max((_refine(states[k], reach, seen) for k in most), key=lambda x: int(x[2].sum()))
     if explained.sum() < _UNKNOWNS + POLICY.beats_more:
         return None
+    if np.ptp(seen.repeat_m_s) == 0.0:  # all lines repeat alike, and so does the clock
+        state[3] -= seen.repeat_m_s[0] * np.rint(state[3] / seen.repeat_m_s[0])
     p_value = _bound_chance(explained, lines, step_s, len(states))
     return CommonMotion(seen.design, state, covariance, explained, p_value)
 
