@@ -117,6 +117,31 @@ def test_missing_readings_end_it_and_it_restarts_by_learning():
     assert np.linalg.norm(off[:3]) < 10.0
 
 
+def test_of_a_drag_that_taught_it_the_tilt_is_doubted_too():
+    # It takes a velocity that fixes gain within moments for a tilt, and leaves the truth ever faster.
+    drag_m_s, since_s, until_s, at_s = np.array([0.3, 0.3, -0.2]), 30.5, 50.5, 110.0
+    readings, size_m_s = read_perfectly(REST, at_s + 1.0), float(np.linalg.norm(drag_m_s))
+    sigmas, squares = 2.58, []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        predictor = draw_unit("tactical", rng, attitude_deg=0.1, motion=REST, readings=readings)
+        predictor = predictor.learned(draw_shown(rng, 0.5, since_s, motion=REST))
+        at = np.arange(since_s, until_s)
+        each = [
+            replace(fix, mean=fix.mean + np.concatenate(((t - since_s) * drag_m_s, drag_m_s, np.zeros(2))))
+            for t, fix in zip(at, draw_shown(rng, since_s, until_s, motion=REST).each, strict=True)
+        ]
+        predictor = predictor.learned(SkyFix(whole=each[0], each=tuple(each)))
+        exact = draw_fix(REST, at_s, rng, place_m=0.0, speed_m_s=0.0)
+        for acceleration_m_s2 in (0.0, size_m_s / 10.0):
+            bounds = size_m_s * (until_s - since_s), size_m_s, acceleration_m_s2
+            true = predictor.doubted(*(bound / sigmas for bound in bounds)).truth_at(label(at_s))
+            off = (true.mean - exact.mean)[:3]
+            squares.append(off @ np.linalg.solve(true.covariance[:3, :3], off))
+    assert stats.chi2.sf(squares[::2], 3).max() < 1e-3
+    assert stats.chi2.sf(squares[1::2], 3).min() > 0.01
+
+
 def test_carried_on_in_steps_or_at_once_it_is_the_same():
     rng = np.random.default_rng(4)
     predictor = learn(draw_unit("tactical", rng), rng)

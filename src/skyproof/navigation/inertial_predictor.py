@@ -17,6 +17,7 @@ from skyproof.navigation.alignment import align_moving
 from skyproof.navigation.inertia import TURN_MOST_RAD, coast, select_readings
 from skyproof.navigation.inertia import begin_free_run as begin_free
 from skyproof.navigation.ins import (
+    ACCELEROMETER,
     POSITION,
     VELOCITY,
     InsSettings,
@@ -94,12 +95,12 @@ class Inertial:
         rows = select_readings(self.readings, self.state.gpst, gpst)
         return step(self.state, rows, self.settings) if rows.gpst.size else None
 
-    def doubted(self, sigma_m: float, sigma_m_s: float) -> "Inertial":
-        """Return it with so much more doubt of position and velocity, an axis."""
+    def doubted(self, sigma_m: float, sigma_m_s: float, sigma_m_s2: float) -> "Inertial":
+        """Return it with so much more doubt of position, velocity and acceleration, an axis."""
         if self.state is None:
             return self
         more = np.zeros(self.state.covariance.shape[0])
-        more[POSITION], more[VELOCITY] = sigma_m**2, sigma_m_s**2
+        more[POSITION], more[VELOCITY], more[ACCELEROMETER[0]] = sigma_m**2, sigma_m_s**2, sigma_m_s2**2
         return replace(
             self, state=apply_correction(self.state, np.zeros(more.size), self.state.covariance + np.diag(more))
         )

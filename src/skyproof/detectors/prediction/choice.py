@@ -50,7 +50,7 @@ from skyproof.fusion.corrected import CorrectedNavigator
 from skyproof.fusion.policy import POLICY
 from skyproof.fusion.skies import date_sky, name_skies
 from skyproof.fusion.timeline import Onset, Pair, compare_pairs
-from skyproof.gnss.time import format_iso, timedelta_from_s
+from skyproof.gnss.time import format_iso, seconds_between, timedelta_from_s
 from skyproof.navigation.nav_estimate import NavEstimate
 from skyproof.navigation.prediction import Choice, are_parted_unseen, choose, fit_p_value
 from skyproof.navigation.predictor import Predictor, SkyFix
@@ -339,13 +339,18 @@ class _Here:
             from_start = onset is not None and onset.from_start
             if navigator.until is None or from_start or not self.settings.clean_start_s:
                 return watch
-            hidden = (bound / _IN_SIGMAS for bound in (navigator.hidden_m, navigator.hidden_m_s))
+            # A velocity that a drag has moved within a window, the navigator may have taken for a tilt.
+            window_s = float(seconds_between(self.window.end, self.window.start))
+            bounds = (navigator.hidden_m, navigator.hidden_m_s, navigator.hidden_m_s / window_s)
             walking = _Expectation(
-                predictor=navigator.predictor.doubted(*hidden),
+                predictor=navigator.predictor.doubted(*(bound / _IN_SIGMAS for bound in bounds)),
                 until=navigator.until,
                 kind=navigator.kind,
                 bias_s=navigator.bias_s,
             )
+            if navigator.clean is not None:
+                clean = replace(walking, predictor=navigator.clean, until=min(navigator.until, watch.clean_until))
+                walking = min(walking, clean, key=self._measure_doubt)
         else:
             latest = self._find_latest(watch, onset)
             if watch.broken is not None and watch.broken <= latest:
@@ -356,6 +361,11 @@ class _Here:
         return replace(
             watch, walking=walking, rests_on=self._list_assumptions(watch, walking.until, walking.predictor.assumes)
         )
+
+    def _measure_doubt(self, expectation: _Expectation) -> float:
+        """Return the variance of where the receiver is expected at the window's start, m^2."""
+        expected = expectation.predictor.at(self.window.start)
+        return np.inf if expected is None else float(np.trace(expected.covariance[:3, :3]))
 
     def _find_latest(self, watch: _Watch, onset: Onset | None) -> np.datetime64:
         """Return until when the signals may be taken for true."""

@@ -15,7 +15,8 @@ def compute_least_move_m(
 ) -> float:
     """Return the smallest level move that a chi-square test notices with the probability `NOTICED`, the worst way.
 
-    covariance_m2 : (n, n) of what is tested, the position in ECEF first. dof : degrees of freedom of the test.
+    covariance_m2 : (n, n) of what is tested, the position in ECEF first, or the velocity: then the move is one of it,
+        in m/s. dof : degrees of freedom of the test.
     """
     threshold = chi_square_threshold(false_alarm_probability, dof)
     needed = float(noncentrality_for_power(threshold, dof, power=NOTICED))

@@ -1,6 +1,6 @@
 """Follow one receiver's navigators window by window, and find where its signals leave them."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -39,10 +39,10 @@ class Walk:
     """One receiver, window by window. Its lists are replaced, never changed.
 
     clock_until : when clocks cease to correct the navigator. kind : of the signals that corrected it first.
-    early : starts of those windows that did until then. until : the end of the last. learned : how many did.
-    attacked : since when any receiver is. free : navigators from before windows that corrected the youngest, the
-    youngest first. recent : those windows. refused : the first of them that was, while that is no chance.
-    parted : when inertia and signals did. looks : since then.
+    early : starts of those windows that did until then; clean : the navigator after them. until : the end of the last.
+    learned : how many did. attacked : since when any receiver is. free : navigators from before windows that corrected
+    the youngest, the youngest first. recent : those windows. refused : the first of them that was, while that is no
+    chance. parted : when inertia and signals did. looks : since then.
     """
 
     predictor: Inertial
@@ -56,6 +56,7 @@ class Walk:
     bias_s: float = 0.0
     hidden_m: float = 0.0
     hidden_m_s: float = 0.0
+    clean: Inertial | None = None
     went_on: int = 0
     tried_m_s: float = 0.0
     attacked: np.datetime64 | None = None
@@ -128,6 +129,7 @@ class Walk:
             bias_s=self.bias_s,
             hidden_m=self.hidden_m,
             hidden_m_s=self.hidden_m_s,
+            clean=self.clean,
         )
 
     def _take_back(self, since: np.datetime64) -> None:
@@ -157,10 +159,17 @@ class Walk:
         self.recent = [window for window in kept if self.free and window.number >= self.free[-1].learned]
 
     def _add_hidden(self, window: SkyCandidates, shown: Shown) -> None:
-        """Add what a drag that this window does not notice may lead the navigator away by."""
+        """Add what a drag that this window does not notice may lead the navigator away by.
+
+        One that has just begun may be as fast as the youngest navigator, which it has led away least, does not notice,
+        and has moved the position by no more than a jump that no test notices.
+        """
         if window.end > self.clock_until:
-            _, self.hidden_m_s = self._find_least(shown)
-            self.hidden_m += self.hidden_m_s * float(seconds_between(window.end, window.start))
+            jump_m, drag_m_s = self._find_least(shown)
+            begun_m = 0.0 if self.hidden_m else jump_m
+            self.clean = self.clean or self.predictor
+            self.hidden_m += begun_m + drag_m_s * float(seconds_between(window.end, window.start))
+            self.hidden_m_s = self._compute_least(shown, 0, (3, 4, 5, 0, 1, 2))
 
     def _list_free(self, shown: Shown) -> list[FreeNavigator]:
         """Return all navigators as they are without a window's fixes, and the drags that they notice."""
@@ -298,16 +307,20 @@ class Walk:
         """
         free = self.predictor if number == 0 else self.free[number - 1].predictor
         assert free.state is not None
+        jump_m = self._compute_least(shown, number, range(6))
+        return jump_m, jump_m / float(seconds_between(shown.last.gpst, free.state.gpst))
+
+    def _compute_least(self, shown: Shown, number: int, order: Sequence[int]) -> float:
+        """Return the smallest level change that one of the navigators would have noticed, of the first three rows."""
         expected = shown.predict_last(number)
-        rows = np.intersect1d(expected.there, shown.last.there)[:6]
+        rows = [row for row in order if row in expected.there and row in shown.last.there]
         block = np.ix_(rows, rows)
-        jump_m = compute_least_move_m(
+        return compute_least_move_m(
             expected.covariance[block] + shown.courses[number].average(shown.moving, expected).covariance[block],
             shown.last.mean[:3],
-            dof=rows.size,
+            dof=len(rows),
             false_alarm_probability=self.alpha / (2 * len(shown.courses)),
         )
-        return jump_m, jump_m / float(seconds_between(shown.last.gpst, free.state.gpst))
 
     def _find_benign(self, window: SkyCandidates, shown: Shown) -> tuple[str | None, dict[Cause, float]]:
         """Return the code of why a benign cause may have done it, None if none may; and p-values of benign causes."""
