@@ -19,7 +19,7 @@ What modulates all signals at one rate (a radar, the mains, a rotor) has w = 0, 
 whose clock runs otherwise.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import combinations, product
 from math import comb, log, prod
 from typing import NamedTuple
@@ -29,6 +29,7 @@ import numpy as np
 from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.detectors.correlators.policy import POLICY
 from skyproof.statistics.distributions import chi_square_survival, normal_two_sided
+from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["CommonMotion", "Line", "common_p_value", "find_line", "fit_common_motion", "mirror_p_value"]
 
@@ -44,16 +45,36 @@ class Line(NamedTuple):
 
 
 class CommonMotion(NamedTuple):
-    """What explains most lines: state (4,) of w and d in m/s with its covariance (4, 4), lines (n,) that it explains.
+    """What explains most lines: state (4,) of w and d in m/s, and which lines (n,) it explains.
 
-    design : (n, 4) of the lines. p_value : of independent lines doing so.
+    design (m, 4), off_m_s, sigma_m_s (m,) : of those, what is left and its sigma. p_value : of independent lines.
     """
 
-    design: Reals
     state: Reals
-    covariance: Reals
     explained: Booleans
+    design: Reals
+    off_m_s: Reals
+    sigma_m_s: Reals
     p_value: float
+
+    def without(self, out: tuple[int, ...]) -> tuple[Reals, Reals] | None:
+        """Fit again without some of the explained lines: state and covariance; None if too few are left."""
+        white = np.delete(self.design / self.sigma_m_s[:, np.newaxis], out, axis=0)
+        if np.linalg.matrix_rank(white) < _UNKNOWNS:
+            return None
+        covariance = np.asarray(np.linalg.inv(white.T @ white), np.float64)
+        return self.state - covariance @ white.T @ np.delete(self.off_m_s / self.sigma_m_s, out), covariance
+
+    def largest_p_value(self, test: Callable[[Reals, Reals], float]) -> float:
+        """Return the largest p-value of a test of state and covariance without any two lines, which may be others'."""
+
+        def p_values(sets: Iterable[tuple[int, ...]]) -> Iterator[float]:
+            for out in sets:
+                fitted = self.without(out)
+                yield 1.0 if fitted is None else test(*fitted)
+
+        lines = range(self.off_m_s.size)
+        return largest_p_value_without(lines, p_values, counts=(0, 1, 2), least=_UNKNOWNS + 1, enough=0.5)
 
 
 def find_line(power: Reals, step_s: float) -> Line | None:
@@ -120,13 +141,16 @@ def _fit_most(
     reach = POLICY.beat_sigmas * np.linalg.cond(seen.design[bases[0]]) * seen.sigma_m_s
     fits = (np.abs(seen.leave(states)) < reach).sum(axis=1)
     most = np.argsort(-fits, kind="stable")[: POLICY.refined]
-    state, covariance, explained = max((_refine(states[k], reach, seen) for k in most), key=lambda x: int(x[2].sum()))
+    state, explained = max((_refine(states[k], reach, seen) for k in most), key=lambda found: int(found[1].sum()))
     if explained.sum() < _UNKNOWNS + POLICY.beats_more:
         return None
+    off_m_s = seen.leave(state)
     if np.ptp(seen.repeat_m_s) == 0.0:  # all lines repeat alike, and so does the clock
         state[3] -= seen.repeat_m_s[0] * np.rint(state[3] / seen.repeat_m_s[0])
     p_value = _bound_chance(explained, lines, step_s, len(states))
-    return CommonMotion(seen.design, state, covariance, explained, p_value)
+    return CommonMotion(
+        state, explained, seen.design[explained], off_m_s[explained], seen.sigma_m_s[explained], p_value
+    )
 
 
 class _Seen(NamedTuple):
@@ -145,20 +169,19 @@ class _Seen(NamedTuple):
         return np.asarray(np.where(np.abs(off[0]) < np.abs(off[1]), off[0], off[1]))
 
 
-def _refine(state: Reals, reach: Reals, seen: _Seen) -> tuple[Reals, Reals, Booleans]:
+def _refine(state: Reals, reach: Reals, seen: _Seen) -> tuple[Reals, Booleans]:
     """Fit the lines that a state explains by least squares, until they stay the same; first those within reach (n,)."""
-    covariance, fits = np.full((_UNKNOWNS, _UNKNOWNS), np.nan), np.abs(seen.leave(state)) < reach
+    fits = np.abs(seen.leave(state)) < reach
     for _ in range(POLICY.refined):
         if np.linalg.matrix_rank(seen.design[fits]) < _UNKNOWNS:
             break
         white = seen.design[fits] / seen.sigma_m_s[fits, np.newaxis]
-        covariance = np.linalg.inv(white.T @ white)
-        state = state - covariance @ white.T @ (seen.leave(state)[fits] / seen.sigma_m_s[fits])
+        state = state - np.linalg.lstsq(white, seen.leave(state)[fits] / seen.sigma_m_s[fits], rcond=None)[0]
         now = np.abs(seen.leave(state)) < POLICY.beat_sigmas * seen.sigma_m_s
         if np.array_equal(now, fits):
             break
         fits = now
-    return state, covariance, fits
+    return state, fits
 
 
 def _bound_chance(explained: Booleans, lines: Sequence[Line], step_s: float, tried: int) -> float:
@@ -182,23 +205,31 @@ def mirror_p_value(motion: CommonMotion, velocity_m_s: Reals, covariance_m2_s2: 
     In a fixed one |v + w| = |v| and d = 0, of w or -w. One that moves has all satellites before it: u . w has one sign.
     velocity_m_s : (3,) of the tracked sky with its covariance (3, 3).
     """
-    to_line = np.delete(motion.design, 3, axis=1)
-    sigma_m_s = np.sqrt(np.einsum("ni,ij,nj->n", to_line, motion.covariance[:3, :3], to_line))
-    along = (to_line @ motion.state[:3] / sigma_m_s)[motion.explained]
-    one_sign = along.size * float(normal_two_sided(max(min(along.max(), -along.min()), 0.0)))
-    found = []
-    for sign in (1.0, -1.0):
-        w, d = sign * motion.state[:3], sign * motion.state[3]
-        slope = np.zeros((2, _UNKNOWNS))
-        slope[0, :3], slope[1, 3] = velocity_m_s + w, 1.0
-        covariance = slope @ motion.covariance @ slope.T
-        covariance[0, 0] += w @ covariance_m2_s2 @ w
-        off = np.array([velocity_m_s @ w + 0.5 * w @ w, d])
-        found.append(float(chi_square_survival(off @ np.linalg.solve(covariance, off), 2)))
-    return float(min(1.0, max(*found, one_sign)))
+
+    def test_fixed(state: Reals, covariance: Reals) -> float:
+        found = []
+        for sign in (1.0, -1.0):
+            w, d = sign * state[:3], sign * state[3]
+            slope = np.zeros((2, _UNKNOWNS))
+            slope[0, :3], slope[1, 3] = velocity_m_s + w, 1.0
+            spread = slope @ covariance @ slope.T
+            spread[0, 0] += w @ covariance_m2_s2 @ w
+            off = np.array([velocity_m_s @ w + 0.5 * w @ w, d])
+            found.append(float(chi_square_survival(off @ np.linalg.solve(spread, off), 2)))
+        return max(found)
+
+    state, covariance = motion.without(()) or (motion.state, np.zeros((_UNKNOWNS, _UNKNOWNS)))
+    to_line = motion.design[:, :3]
+    along = np.sort(to_line @ state[:3] / np.sqrt(np.einsum("ni,ij,nj->n", to_line, covariance[:3, :3], to_line)))
+    # One line may be another reflector's: the second of either sign counts.
+    one_sign = along.size * float(normal_two_sided(max(min(along[-2], -along[1]), 0.0)))
+    return min(1.0, max(motion.largest_p_value(test_fixed), one_sign))
 
 
 def common_p_value(motion: CommonMotion) -> float:
     """Return the p-value of one modulation of all signals: w = 0."""
-    w = motion.state[:3]
-    return float(chi_square_survival(w @ np.linalg.solve(motion.covariance[:3, :3], w), 3))
+    return motion.largest_p_value(
+        lambda state, covariance: float(
+            chi_square_survival(state[:3] @ np.linalg.solve(covariance[:3, :3], state[:3]), 3)
+        )
+    )
