@@ -47,7 +47,8 @@ class Line(NamedTuple):
 class CommonMotion(NamedTuple):
     """What explains most lines: state (4,) of w and d in m/s, and which lines (n,) it explains.
 
-    design (m, 4) of those; off_m_s, sigma_m_s (m,) : by how much the state leaves them, and its sigma. p_value : of independent lines.
+    design : (m, 4) of those. off_m_s, sigma_m_s : (m,) by how much the state leaves them, and its sigma. p_value : of
+    independent lines.
     """
 
     state: Reals
