@@ -85,6 +85,11 @@ def unlike(rng: np.random.Generator, sky: Reals, velocity_m_s: Reals) -> Reals:
     return WAVELENGTH_M * np.exp(rng.uniform(np.log(0.3), np.log(22.5), len(sky)))
 
 
+def even(rng: np.random.Generator, sky: Reals, velocity_m_s: Reals) -> Reals:
+    """Lines of nothing in common, uniform up to a fastest."""
+    return WAVELENGTH_M * rng.uniform(1.0, 25.0) * rng.random(len(sky))
+
+
 def modulated(rng: np.random.Generator, sky: Reals, velocity_m_s: Reals) -> Reals:
     """One line for all."""
     return np.full(len(sky), WAVELENGTH_M * rng.uniform(0.5, 20.0))
@@ -109,6 +114,7 @@ KINDS: Final = {
     "a wall that moves": moving,
     "ground": ground,
     "nothing in common": unlike,
+    "the same, evenly spread": even,
     "one modulation": modulated,
     "second sky, 0.3 to 0.6 m/s": second_sky(0.3, 0.6, 0.0),
     "second sky, 0.6 to 2 m/s": second_sky(0.6, 2.0, 0.0),

@@ -14,6 +14,9 @@ from skyproof.app.common.windows import (
     widen_windows,
     windows_of,
 )
+from skyproof.detectors.code_doppler.detector import CodeDoppler
+from skyproof.detectors.correlators.beats_detector import Beats
+from skyproof.detectors.correlators.sqm_detector import Sqm
 from skyproof.detectors.registry import load_detectors
 from skyproof.records import (
     OBSERVABLES,
@@ -136,7 +139,7 @@ def test_correlators_are_those_that_detectors_ask_for():
     assert together.taps is not None
 
 
-def test_a_run_with_correlators_shares_the_false_alarms_with_sqm():
+def test_a_run_with_correlators_shares_the_false_alarms_with_tests_of_them():
     settings = Settings()
     of_a_window = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0
     taps = Taps(
@@ -148,7 +151,8 @@ def test_a_run_with_correlators_shares_the_false_alarms_with_sqm():
         value=np.zeros((0, 0, 1, 1), np.complex64),
     )
     run = Records(start_gpst=START, end_gpst=START, taps=(taps,))
-    assert share(run) == pytest.approx(of_a_window / (sum_shares() + 1))
+    of_correlators = (Sqm, Beats, CodeDoppler)
+    assert share(run) == pytest.approx(of_a_window / (sum_shares() + len(of_correlators)))
 
 
 def test_a_window_ends_where_a_receivers_time_breaks():

@@ -12,10 +12,10 @@ from tests.app.protect.test_choosing import DRIVE, WALK
 from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import cut, windows_of
-from skyproof.detectors.prediction.course import Course
+from skyproof.detectors.prediction.course import PredictedCourse
 from skyproof.detectors.prediction.free_navigators import RefusedWindow
 from skyproof.detectors.prediction.inertia import Inertia, InertiaSettings, list_navigators
-from skyproof.detectors.prediction.unit_errors import Look, find_unit_p_value
+from skyproof.detectors.prediction.unit_errors import Departure, find_unit_p_value
 from skyproof.navigation.nav_estimate import NavEstimate
 from skyproof.records import Cause, Finding, Hypothesis, Need, list_refs
 from skyproof.simulator.sky import make_scene
@@ -128,7 +128,7 @@ def test_velocities_of_a_whole_window_show_what_the_last_does_not():
             NavEstimate(gpst=gpst, mean=row, covariance=np.diag(sigma**2)) for gpst, row in zip(at, mean, strict=True)
         ]
 
-    course = Course(0, None, tuple(make(np.zeros((10, 8)), 0.01 * sigma)))
+    course = PredictedCourse(0, None, tuple(make(np.zeros((10, 8)), 0.01 * sigma)))
     clean, dragged = [], []
     for _ in range(2000):
         noise = sigma * rng.standard_normal((10, 8))
@@ -159,7 +159,7 @@ def test_a_unit_that_wanders_between_looks_is_to_blame_as_stated():
         error_m = np.vstack([np.zeros(3), (0.5 * step_s * (error_m_s[1:] + error_m_s[:-1])).cumsum(axis=0)])
         errors = np.hstack([error_m, error_m_s])[:: round(apart_s / step_s)]
         at = [np.datetime64("2024-01-01", "ns") + np.timedelta64(round(1e9 * apart_s * k), "ns") for k in range(n)]
-        looks = [Look(gpst, error[3:], error, 1e-4 * np.eye(6)) for gpst, error in zip(at, errors, strict=True)]
+        looks = [Departure(gpst, error[3:], error, 1e-4 * np.eye(6)) for gpst, error in zip(at, errors, strict=True)]
         p_values.append(find_unit_p_value(looks))
     assert stats.kstest(p_values, "uniform").pvalue > 1e-3
 

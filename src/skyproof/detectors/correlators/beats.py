@@ -9,8 +9,8 @@ run by d (m/s) beside the tracked one's, gives the satellite in direction u a li
 less a multiple of the rate of looks. Four unknowns explain any four lines; ten lines that they explain are of one sky.
 Reflections make lines as well:
 
-- of several reflectors they fit four unknowns by chance only. Their frequencies are taken as log-uniform: no decade of
-  them is likelier than another.
+- of several reflectors they fit the unknowns by chance only. Their frequencies are taken as log-uniform, no decade
+  being likelier than another, or as uniform up to the fastest, whichever is denser.
 - of one reflector for all satellites, or of parallel ones, they are those of the antenna's image. An image moves as
   fast as the antenna and has its clock: |v + w| = |v| and d = 0 (Kaplan & Hegarty, 9.5: specular reflection). If the
   reflector moves, all satellites are still before it, and u . w has one sign.
@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skyproof.arrays import Booleans, Integers, Reals
+from skyproof.arrays import Booleans, Reals
 from skyproof.detectors.correlators.policy import POLICY
 from skyproof.statistics.distributions import chi_square_survival, normal_two_sided
 from skyproof.statistics.leave_out import largest_p_value_without
@@ -118,37 +118,45 @@ def fit_common_motion(lines: Sequence[Line], wavelength_m: Reals, design: Reals,
         sigma_m_s=wavelength_m * [line.sigma_hz for line in lines],
         repeat_m_s=wavelength_m / step_s,
     )
-    bases = np.array(list(combinations(range(n), _UNKNOWNS)))
-    bases = bases[np.argsort(np.linalg.cond(design[bases]), kind="stable")[: POLICY.bases]]
-    found = [_fit_most(seen, lines, bases, repeated, step_s) for repeated in POLICY.repetitions]
+    # Without a clock that runs otherwise, three lines tell a motion.
+    families = product((_UNKNOWNS - 1, _UNKNOWNS), POLICY.repetitions)
+    found = [_fit_most(seen, lines, unknowns, repeated, step_s) for unknowns, repeated in families]
     best = min((one for one in found if one is not None), key=lambda one: one.p_value, default=None)
     return best and best._replace(p_value=min(1.0, len(found) * best.p_value))
 
 
-def _fit_most(
-    seen: "_Seen", lines: Sequence[Line], bases: Integers, repeated: int, step_s: float
-) -> CommonMotion | None:
-    """Fit the state that explains most lines, of those that any four of them give; None if it explains too few.
+def _fit_most(seen: "_Seen", lines: Sequence[Line], unknowns: int, repeated: int, step_s: float) -> CommonMotion | None:
+    """Fit the state that explains most lines, of those that as few of them give; None if it explains too few.
 
-    bases : (m, 4) of lines. repeated : times that the rate of looks may hide in a line, to either side.
+    unknowns : of w alone, 3, or of d as well, 4; so many lines give them. repeated : times that the rate of looks may
+    hide in a line, to either side.
     """
+    bases = np.array(list(combinations(range(len(lines)), unknowns)))
+    conditions = np.linalg.cond(seen.design[bases][..., :unknowns])
+    order = np.argsort(conditions, kind="stable")[: POLICY.bases]
+    bases = bases[order]
     branches = np.arange(-repeated, repeated + 1)
     signed = seen.rate_m_s + seen.repeat_m_s * branches[:, np.newaxis]
     choices = np.concatenate([signed, -signed])
     # Turning all signs over turns the state over: the first line is taken with one.
-    places = np.array([(k, *more) for k in range(branches.size) for more in product(range(len(choices)), repeat=3)])
-    right = choices[places[np.newaxis], bases[:, np.newaxis, :]]
-    states = np.einsum("bij,bpj->bpi", np.linalg.pinv(seen.design[bases]), right).reshape(-1, _UNKNOWNS)
-    reach = POLICY.beat_sigmas * np.linalg.cond(seen.design[bases[0]]) * seen.sigma_m_s
+    others = product(range(branches.size), *[range(len(choices))] * (unknowns - 1))
+    right = choices[np.array(list(others))[np.newaxis], bases[:, np.newaxis, :]]
+    inverses = np.linalg.pinv(seen.design[bases][..., :unknowns])
+    states = np.zeros((right.shape[0] * right.shape[1], _UNKNOWNS))
+    states[:, :unknowns] = np.einsum("bij,bpj->bpi", inverses, right).reshape(-1, unknowns)
+    reach = POLICY.beat_sigmas * conditions[order[0]] * seen.sigma_m_s
     fits = (np.abs(seen.leave(states)) < reach).sum(axis=1)
     most = np.argsort(-fits, kind="stable")[: POLICY.refined]
-    state, explained = max((_refine(states[k], reach, seen) for k in most), key=lambda found: int(found[1].sum()))
+    refined = (_refine(states[k], reach, seen, unknowns) for k in most)
+    state, explained = max(refined, key=lambda one: int(one[1].sum()))
     if explained.sum() < _UNKNOWNS + POLICY.beats_more:
         return None
+    p_value = _bound_chance(explained, lines, step_s, len(states), unknowns)
+    if unknowns < _UNKNOWNS:  # what it explains is tested with all unknowns
+        state, explained = _refine(state, POLICY.beat_sigmas * seen.sigma_m_s, seen, _UNKNOWNS)
     off_m_s = seen.leave(state)
     if np.ptp(seen.repeat_m_s) == 0.0:  # all lines repeat alike, and so does the clock
         state[3] -= seen.repeat_m_s[0] * np.rint(state[3] / seen.repeat_m_s[0])
-    p_value = _bound_chance(explained, lines, step_s, len(states))
     return CommonMotion(
         state, explained, seen.design[explained], off_m_s[explained], seen.sigma_m_s[explained], p_value
     )
@@ -170,14 +178,14 @@ class _Seen(NamedTuple):
         return np.asarray(np.where(np.abs(off[0]) < np.abs(off[1]), off[0], off[1]))
 
 
-def _refine(state: Reals, reach: Reals, seen: _Seen) -> tuple[Reals, Booleans]:
+def _refine(state: Reals, reach: Reals, seen: _Seen, unknowns: int) -> tuple[Reals, Booleans]:
     """Fit the lines that a state explains by least squares, until they stay the same; first those within reach (n,)."""
-    fits = np.abs(seen.leave(state)) < reach
+    state, fits = state.copy(), np.abs(seen.leave(state)) < reach
     for _ in range(POLICY.refined):
-        if np.linalg.matrix_rank(seen.design[fits]) < _UNKNOWNS:
+        white = seen.design[fits, :unknowns] / seen.sigma_m_s[fits, np.newaxis]
+        if np.linalg.matrix_rank(white) < unknowns:
             break
-        white = seen.design[fits] / seen.sigma_m_s[fits, np.newaxis]
-        state = state - np.linalg.lstsq(white, seen.leave(state)[fits] / seen.sigma_m_s[fits], rcond=None)[0]
+        state[:unknowns] -= np.linalg.lstsq(white, seen.leave(state)[fits] / seen.sigma_m_s[fits], rcond=None)[0]
         now = np.abs(seen.leave(state)) < POLICY.beat_sigmas * seen.sigma_m_s
         if np.array_equal(now, fits):
             break
@@ -185,19 +193,21 @@ def _refine(state: Reals, reach: Reals, seen: _Seen) -> tuple[Reals, Booleans]:
     return state, fits
 
 
-def _bound_chance(explained: Booleans, lines: Sequence[Line], step_s: float, tried: int) -> float:
-    """Bound the probability that so many independent lines, log-uniform in frequency, fit any state tried.
+def _bound_chance(explained: Booleans, lines: Sequence[Line], step_s: float, tried: int, unknowns: int) -> float:
+    """Bound the probability that so many independent lines fit any state tried.
 
-    Four of them always do: those are taken that fit most easily.
+    Their density is the larger of log-uniform and uniform up to the fastest. As many as there are unknowns always fit:
+    those are taken that fit most easily.
     """
     e_folds = log(POLICY.most_beat_share / step_s / POLICY.least_beat_hz)
+    fastest_hz = max(line.frequency_hz for line in lines)
     chances = [
-        min(1.0, 2.0 * POLICY.beat_sigmas * line.sigma_hz / line.frequency_hz / e_folds)
+        min(1.0, 2.0 * POLICY.beat_sigmas * line.sigma_hz / min(line.frequency_hz * e_folds, fastest_hz))
         for line, fits in zip(lines, explained, strict=True)
         if fits
     ]
-    more = sorted(chances)[:-_UNKNOWNS]
-    return min(1.0, tried * comb(len(lines) - _UNKNOWNS, len(more)) * prod(more))
+    more = sorted(chances)[:-unknowns]
+    return min(1.0, tried * comb(len(lines) - unknowns, len(more)) * prod(more))
 
 
 def mirror_p_value(motion: CommonMotion, velocity_m_s: Reals, covariance_m2_s2: Reals) -> float:

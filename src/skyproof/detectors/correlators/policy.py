@@ -52,7 +52,9 @@ class CorrelatorPolicy:
     least_beat_hz: float = number(
         0.3, "Hz", "Three beats in a window of ten seconds; below, loops and fading colour the noise."
     )
-    most_beat_share: float = number(0.45, "1", "Of the rate of looks: half of it is the fastest beat that shows.")
+    most_beat_share: float = number(
+        0.5, "1", "Of the rate of looks: the fastest beat that shows; faster ones repeat below."
+    )
     beat_sigma_bins: float = number(
         0.1,
         "1",

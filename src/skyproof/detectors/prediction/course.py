@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from skyproof.detectors.prediction.policy import POLICY
-from skyproof.detectors.prediction.unit_errors import Look
+from skyproof.detectors.prediction.unit_errors import Departure
 from skyproof.fusion.policy import POLICY as FUSION
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.inertial_predictor import Inertial
@@ -16,13 +16,13 @@ from skyproof.navigation.prediction import fit_p_value
 from skyproof.navigation.predictor import SkyFix
 from skyproof.records import ConsistentSet
 
-__all__ = ["Course", "Shown", "run_through"]
+__all__ = ["ComparedFix", "PredictedCourse", "run_through"]
 
 _CLOCK: Final = np.array([6, 7])
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class PredictedCourse:
     """What a navigator predicts through a window, at the instants of its fixes.
 
     learned : how many windows had corrected it. carried : to the last fix.
@@ -44,15 +44,15 @@ class Course:
         moved_m = np.append(-off_s[nearest] * expected.mean[3:6], np.zeros(5))
         return replace(expected, gpst=gpst, mean=expected.mean + moved_m)
 
-    def compare(self, fixes: Sequence[NavEstimate]) -> list[Look]:
+    def compare(self, fixes: Sequence[NavEstimate]) -> list[Departure]:
         """Compare both velocities."""
-        found = list[Look]()
+        found = list[Departure]()
         for fix in fixes:
             near = found and float(seconds_between(fix.gpst, found[-1].gpst)) < POLICY.look_interval_s
             if near or fix.there.size < 6 or (expected := self.at(fix.gpst)) is None:
                 continue
             apart = fix.mean[:6] - expected.mean[:6]
-            found.append(Look(fix.gpst, expected.mean[3:6], apart, fix.covariance[:6, :6]))
+            found.append(Departure(fix.gpst, expected.mean[3:6], apart, fix.covariance[:6, :6]))
         return found
 
     def average(self, fixes: Sequence[NavEstimate], expected: NavEstimate) -> NavEstimate:
@@ -78,7 +78,7 @@ class Course:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ComparedFix:
     """What a window's set shows, those of its fixes that have velocities, and what navigators predict of them.
 
     courses : the youngest first. p_value : of so large a distance from any of them.
@@ -87,7 +87,7 @@ class Shown:
     sky: ConsistentSet
     fix: SkyFix
     moving: tuple[NavEstimate, ...]
-    courses: tuple[Course, ...]
+    courses: tuple[PredictedCourse, ...]
     p_values: tuple[float, ...]
 
     @property
@@ -103,11 +103,11 @@ class Shown:
         return self.courses[number].each[-1]
 
 
-def run_through(fixes: Sequence[NavEstimate], navigator: Inertial, learned: int) -> Course:
+def run_through(fixes: Sequence[NavEstimate], navigator: Inertial, learned: int) -> PredictedCourse:
     """Run a navigator through the instants of fixes. learned : how many windows had corrected it."""
     each = list[NavEstimate]()
     for fix in fixes:
         navigator = navigator.until(fix.gpst)
         if (expected := navigator.at(fix.gpst)) is not None:
             each.append(mark_unknown(expected, _CLOCK))
-    return Course(learned, navigator, tuple(each))
+    return PredictedCourse(learned, navigator, tuple(each))

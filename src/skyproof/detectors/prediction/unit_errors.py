@@ -11,11 +11,11 @@ from skyproof.gnss.time import seconds_between
 from skyproof.records import UNTESTED, InertialReadings
 from skyproof.statistics.distributions import f_survival
 
-__all__ = ["Look", "find_blow_m_s", "find_change_m_s", "find_unit_p_value", "is_sudden"]
+__all__ = ["Departure", "find_blow_m_s", "find_change_m_s", "find_unit_p_value", "is_sudden"]
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class Departure:
     """At one instant: velocity by the unit (3,), and what position and velocity by the signals are more (6,).
 
     covariance : (6, 6) of those of the signals.
@@ -27,12 +27,12 @@ class Look:
     covariance: Reals
 
 
-def find_change_m_s(looks: Sequence[Look]) -> float:
+def find_change_m_s(looks: Sequence[Departure]) -> float:
     """Return by how much the unit shows the velocity to change at most."""
     return float(np.linalg.norm(np.ptp([look.speed_m_s for look in looks], axis=0))) if looks else 0.0
 
 
-def find_unit_p_value(looks: Sequence[Look]) -> float:
+def find_unit_p_value(looks: Sequence[Departure]) -> float:
     """Return the largest p-value of how positions part, whatever the unit errs by: as velocities add up to.
 
     Errors of the signals' velocities are taken to last, as reflections may. Between looks the unit's velocity may
@@ -54,7 +54,7 @@ def find_unit_p_value(looks: Sequence[Look]) -> float:
     return float(f_survival(off_m @ np.linalg.solve(total, off_m) / off_m.size, off_m.size, dof))
 
 
-def is_sudden(looks: Sequence[Look]) -> bool:
+def is_sudden(looks: Sequence[Departure]) -> bool:
     """Tell whether velocities part within moments and stay so."""
     if len(looks) < POLICY.least_looks:
         return False

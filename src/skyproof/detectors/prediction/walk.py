@@ -7,12 +7,12 @@ from typing import Final
 import numpy as np
 
 from skyproof.detectors.base import Reporter
-from skyproof.detectors.prediction.course import Shown, run_through
+from skyproof.detectors.prediction.course import ComparedFix, run_through
 from skyproof.detectors.prediction.free_navigators import FreeNavigator, RefusedWindow, TaughtWindow, keep_useful
 from skyproof.detectors.prediction.noticed import compute_least_move_m
 from skyproof.detectors.prediction.policy import POLICY
 from skyproof.detectors.prediction.unit_errors import (
-    Look,
+    Departure,
     find_blow_m_s,
     find_change_m_s,
     find_unit_p_value,
@@ -64,7 +64,7 @@ class Walk:
     recent: list[TaughtWindow] = field(default_factory=list)
     refused: RefusedWindow | None = None
     parted: np.datetime64 | None = None
-    looks: list[Look] = field(default_factory=list)
+    looks: list[Departure] = field(default_factory=list)
     named: bool = False
 
     @property
@@ -103,7 +103,7 @@ class Walk:
             self._follow(window, best)
         return going_on
 
-    def _follow(self, window: SkyCandidates, shown: Shown) -> None:
+    def _follow(self, window: SkyCandidates, shown: ComparedFix) -> None:
         """Correct the navigator, and keep the one from before a window that was refused while that is no chance.
 
         Of so many windows as since then one is refused by chance as likely as the least p-value so many times.
@@ -158,7 +158,7 @@ class Walk:
         self.free = [window for window in older if window.learned < self.learned]
         self.recent = [window for window in kept if self.free and window.number >= self.free[-1].learned]
 
-    def _add_hidden(self, window: SkyCandidates, shown: Shown) -> None:
+    def _add_hidden(self, window: SkyCandidates, shown: ComparedFix) -> None:
         """Add what a drag that this window does not notice may lead the navigator away by.
 
         One that has just begun may be as fast as the youngest navigator, which it has led away least, does not notice,
@@ -171,7 +171,7 @@ class Walk:
             self.hidden_m += begun_m + drag_m_s * float(seconds_between(window.end, window.start))
             self.hidden_m_s = self._compute_least(shown, 0, (3, 4, 5, 0, 1, 2))
 
-    def _list_free(self, shown: Shown) -> list[FreeNavigator]:
+    def _list_free(self, shown: ComparedFix) -> list[FreeNavigator]:
         """Return all navigators as they are without a window's fixes, and the drags that they notice."""
         before = [
             (self.predictor, self.learned, self.until, self.hidden_m),
@@ -210,7 +210,7 @@ class Walk:
     def _fix(self, window: SkyCandidates, sky: ConsistentSet) -> SkyFix:
         return self.maker.shown(window, sky, kind=find_reference_kind(sky), bias_s=self.bias_s, epochs=True)
 
-    def _compare_fix(self, window: SkyCandidates, sky: ConsistentSet) -> Shown | None:
+    def _compare_fix(self, window: SkyCandidates, sky: ConsistentSet) -> ComparedFix | None:
         if self.predictor.state is None:
             return None
         fix = self._fix(window, sky)
@@ -225,9 +225,9 @@ class Walk:
             courses = courses[:1]
         if not courses:
             return None
-        return Shown(sky, fix, moving, courses, tuple(course.fit_p_value(moving) for course in courses))
+        return ComparedFix(sky, fix, moving, courses, tuple(course.fit_p_value(moving) for course in courses))
 
-    def _start_free_run(self, window: SkyCandidates, shown: Shown) -> None:
+    def _start_free_run(self, window: SkyCandidates, shown: ComparedFix) -> None:
         """Let the unit run free from now on: from the latest window until which the signals may have been true.
 
         That is where the youngest navigator was corrected last that all older ones predict: a drag that began before
@@ -257,7 +257,7 @@ class Walk:
         self.looks = [*self.looks, *(look for fix in fixes for look in self._compare_velocities(fix))]
         self.free, self.recent = younger, []  # the younger notice best
 
-    def _compare_velocities(self, fix: SkyFix) -> list[Look]:
+    def _compare_velocities(self, fix: SkyFix) -> list[Departure]:
         """Compare both velocities through a window."""
         return (
             []
@@ -265,7 +265,7 @@ class Walk:
             else run_through(fix.each, self.predictor, self.learned).compare(fix.each)
         )
 
-    def _report(self, window: SkyCandidates, shown: Shown) -> Finding:
+    def _report(self, window: SkyCandidates, shown: ComparedFix) -> Finding:
         """Return the window's finding: an attack where no benign cause remains."""
         off = shown.last.mean - shown.predict_last(int(np.argmin(shown.p_values))).mean
         why, benign = self._find_benign(window, shown)
@@ -281,7 +281,7 @@ class Walk:
             dated_gpst=self.parted,
         )
 
-    def _report_pass(self, shown: Shown) -> Finding:
+    def _report_pass(self, shown: ComparedFix) -> Finding:
         """Return that a window follows the prediction, and what drag would have been noticed in it."""
         off = shown.last.mean - shown.predict_last(0).mean
         jump_m, drag_m_s = self._find_least(shown)
@@ -293,13 +293,13 @@ class Walk:
             data={"statistic": float(np.linalg.norm(off[:3])), "off_m_s": float(np.linalg.norm(off[3:6]))},
         )
 
-    def _find_least(self, shown: Shown) -> tuple[float, float]:
+    def _find_least(self, shown: ComparedFix) -> tuple[float, float]:
         """Return the smallest jump, m, and the slowest drag, m/s, that any of the navigators would have noticed."""
         found = [self._find_noticed(shown, number) for number in range(len(shown.courses))]
         jump_m, drag_m_s = np.min(found, axis=0)
         return float(jump_m), float(drag_m_s)
 
-    def _find_noticed(self, shown: Shown, number: int) -> tuple[float, float]:
+    def _find_noticed(self, shown: ComparedFix, number: int) -> tuple[float, float]:
         """Return the smallest level jump and the slowest level drag that one of the navigators would have noticed.
 
         A drag that began when the navigator was corrected last has moved the position by its speed times the time
@@ -310,7 +310,7 @@ class Walk:
         jump_m = self._compute_least(shown, number, range(6))
         return jump_m, jump_m / float(seconds_between(shown.last.gpst, free.state.gpst))
 
-    def _compute_least(self, shown: Shown, number: int, order: Sequence[int]) -> float:
+    def _compute_least(self, shown: ComparedFix, number: int, order: Sequence[int]) -> float:
         """Return the smallest level change that one of the navigators would have noticed, of the first three rows."""
         expected = shown.predict_last(number)
         rows = [row for row in order if row in expected.there and row in shown.last.there]
@@ -322,7 +322,7 @@ class Walk:
             false_alarm_probability=self.alpha / (2 * len(shown.courses)),
         )
 
-    def _find_benign(self, window: SkyCandidates, shown: Shown) -> tuple[str | None, dict[Cause, float]]:
+    def _find_benign(self, window: SkyCandidates, shown: ComparedFix) -> tuple[str | None, dict[Cause, float]]:
         """Return the code of why a benign cause may have done it, None if none may; and p-values of benign causes."""
         if self.named:
             return None, {}
@@ -347,7 +347,7 @@ class Walk:
         blow_m_s = find_blow_m_s(self.predictor.readings, start, window.end)
         return "blow" if blow_m_s > POLICY.blow_m_s else None
 
-    def _drop_two_satellites(self, window: SkyCandidates, shown: Shown) -> float:
+    def _drop_two_satellites(self, window: SkyCandidates, shown: ComparedFix) -> float:
         """Return the largest p-value without any two satellites; 1 where too few are left.
 
         By the navigator that notices best of those that no refused window has corrected: reflections of the two in such
