@@ -1,7 +1,7 @@
 """Test if the beats of all satellites' signals are those of one further sky: arrays only.
 
 Two signals of a satellite that a correlator cannot part beat: the power of their sum has a line at the difference of
-their carriers, even if one is 30 dB weaker. A further sky, whose receiver would move by w (m/s) and whose clock would
+their carriers, even if one is 20 dB weaker. A further sky, whose receiver would move by w (m/s) and whose clock would
 run by d (m/s) beside the tracked one's, gives the satellite in direction u a line at
 
     |u . w - d| / wavelength
