@@ -80,7 +80,9 @@ def advise(samples: Samples, satellites: Sequence[FoundSatellite], *, gaps: int,
 
 
 def estimate_power_over_quietest(front: MeasuredFrontEnd) -> JammerToNoise | None:
-    """Estimate what comes in over the noise of the quietest stretch; None if the power stays the same."""
+    """Estimate what comes in over the noise of the quietest stretch; None if the power stays the same or is unknown."""
+    if not np.isfinite(front.power_db).any():
+        return None
     rise_db = float(np.nanmax(front.power_db) - np.nanmin(front.power_db))
     return estimate_jammer_to_noise(rise_db, np.sqrt(2.0) * POLICY.gain_sigma_db)
 

@@ -71,8 +71,8 @@ class CarrierBreak:
             return report.find(every, "unbroken", still)
         stands = o.receiver in report.records.standing
         p_values = [
-            compare_phases(o, one, 0.0 if stands else _measure_velocity_change_m_s(o, navigation, one))
-            for one in breaks
+            compare_phases(o, broken, 0.0 if stands else _measure_velocity_change_m_s(o, navigation, broken))
+            for broken in breaks
         ]
         worst = min(range(len(breaks)), key=lambda k: p_values[k][0])
         p_value, off_cyc = min(1.0, len(breaks) * p_values[worst][0]), p_values[worst][1]
@@ -86,14 +86,17 @@ class CarrierBreak:
         )
 
 
-def _measure_velocity_change_m_s(o: Observations, navigation: NavigationData, one: Break) -> float:
+def _measure_velocity_change_m_s(o: Observations, navigation: NavigationData, broken: Break) -> float:
     """Measure by how much the velocity over a break may differ from the mean of that before and after, largest axis.
 
     It is half of their difference, and the error of their means; infinite if they are not known. One signal of each
     satellite is used.
     """
     first = {signal.sat: signal for signal in reversed(o.signals)}
-    ends = [(max(one.before + 1 - POLICY.tail_epochs, 0), one.before + 1), (one.after, one.after + POLICY.tail_epochs)]
+    ends = [
+        (max(broken.before + 1 - POLICY.tail_epochs, 0), broken.before + 1),
+        (broken.after, broken.after + POLICY.tail_epochs),
+    ]
     means, errors = [], []
     for begin, end in ends:
         beside = o.read(begin, min(end, o.gpst.size))

@@ -48,14 +48,14 @@ def find_breaks(o: Observations) -> list[Break]:
     return found
 
 
-def compare_phases(o: Observations, one: Break, velocity_sigma_m_s: float) -> tuple[float, float]:
+def compare_phases(o: Observations, broken: Break, velocity_sigma_m_s: float) -> tuple[float, float]:
     """Return the p-value of phases that changed alike, and by how much they differ, root mean square, cycles.
 
     1 and NaN where they tell nothing. velocity_sigma_m_s : by which the antenna's velocity may differ from its mean.
     """
-    ends, columns = np.array([one.before, one.after]), one.columns
+    ends, columns = np.array([broken.before, broken.after]), broken.columns
     time_s = float(np.diff(o.elapsed_s[ends])[0])
-    beside = [slice(max(one.before - POLICY.beside_epochs, 0), one.before), slice(one.after + 1, None)]
+    beside = [slice(max(broken.before - POLICY.beside_epochs, 0), broken.before), slice(broken.after + 1, None)]
     doppler_hz = np.array([medians(o.doppler_hz[rows][: POLICY.beside_epochs, columns], axis=0) for rows in beside])
     sigma_hz = o.doppler_sigma_hz[np.ix_(ends, columns)]
     code_m, carrier_cyc = o.pseudorange_m[np.ix_(ends, columns)], o.carrier_cyc[np.ix_(ends, columns)]

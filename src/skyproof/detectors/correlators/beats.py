@@ -121,7 +121,7 @@ def fit_common_motion(lines: Sequence[Line], wavelength_m: Reals, design: Reals,
     # Without a clock that runs otherwise, three lines tell a motion.
     families = product((_UNKNOWNS - 1, _UNKNOWNS), POLICY.repetitions)
     found = [_fit_most(seen, lines, unknowns, repeated, step_s) for unknowns, repeated in families]
-    best = min((one for one in found if one is not None), key=lambda one: one.p_value, default=None)
+    best = min((motion for motion in found if motion is not None), key=lambda motion: motion.p_value, default=None)
     return best and best._replace(p_value=min(1.0, len(found) * best.p_value))
 
 
@@ -148,7 +148,7 @@ def _fit_most(seen: "_Seen", lines: Sequence[Line], unknowns: int, repeated: int
     fits = (np.abs(seen.leave(states)) < reach).sum(axis=1)
     most = np.argsort(-fits, kind="stable")[: POLICY.refined]
     refined = (_refine(states[k], reach, seen, unknowns) for k in most)
-    state, explained = max(refined, key=lambda one: int(one[1].sum()))
+    state, explained = max(refined, key=lambda fitted: int(fitted[1].sum()))
     if explained.sum() < _UNKNOWNS + POLICY.beats_more:
         return None
     p_value = _bound_chance(explained, lines, step_s, len(states), unknowns)

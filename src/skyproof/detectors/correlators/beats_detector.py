@@ -94,7 +94,7 @@ class Beats:
         if o is None or navigation is None or len(tested) < needed:
             return report.pass_over(refs, NotTested("few_signals", data))
         every = [_fit_lines(stretch, tested) for stretch in stretches]
-        signals, motion = min(every, key=lambda one: 1.0 if one[1] is None else one[1].p_value)
+        signals, motion = min(every, key=lambda fitted: 1.0 if fitted[1] is None else fitted[1].p_value)
         if motion is None:
             p = dict.fromkeys((Cause.CLEAN, Cause.REFLECTIONS, Cause.INTERFERENCE, Cause.FAULT), 1.0)
             return report.find(list_refs(taps.receiver, tuple(tested)), "apart", p, data={"lines": len(signals)})
