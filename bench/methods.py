@@ -16,6 +16,7 @@ from skyproof.detectors.array.array_model import array_design, joint_statistic, 
 from skyproof.detectors.correlators.vector_parity import parity_test, parity_vector
 from skyproof.detectors.correlators.vector_sqm import satellite_geometry
 from skyproof.detectors.dccaf.inverse_raim import find_passing_sets
+from skyproof.detectors.multi_receiver.along_baselines import span_test
 from skyproof.statistics.cusum import cusum_path
 from skyproof.statistics.directions import hemisphere
 from skyproof.studies.arm_angles import arm_angles, fit_pairs
@@ -24,7 +25,7 @@ from skyproof.studies.decomposition_laws import count_statistic, delay_dictionar
 from skyproof.studies.direction_tests import blocks, measure_dead_zone
 from skyproof.studies.double_difference import difference_test, reject_pairs
 from skyproof.studies.exclusion import choose_fix
-from skyproof.studies.group_choice import span_test, split_skies
+from skyproof.studies.group_choice import split_skies
 from skyproof.studies.quality_metrics import delta_law, delta_metric, moving_variance, ratio_p_value
 from skyproof.studies.vector_parity_tests import whitener
 from skyproof.studies.vector_rules import geometry_matrix, two_step

@@ -142,6 +142,7 @@ COMPUTING = {
     "multi_receiver/carriers": {"_MOST_WAYS", "_NEVER", "_UNKNOWN"},
     "multi_receiver/known_geometry": {"_LEAST_M", "_ROUNDS"},
     "multi_receiver/one_antenna": {"WHITE"},
+    "multi_receiver/along_baselines": {"_LEAST_SINE"},
     "multi_receiver/pairing": {"_THINNER", "_TRAVEL_S"},
     "multi_receiver/runs": {"_BEGINS", "_ENDS", "_IN", "_OUT"},
     "own_fixes/detector": {"_TAIL"},

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from skyproof.detectors.multi_receiver.along_baselines import span_test
 from skyproof.statistics.distributions import binomial_two_sided, f_threshold, noncentral_f_survival
 from skyproof.studies.group_choice import (
     check_known_baseline,
@@ -12,7 +13,6 @@ from skyproof.studies.group_choice import (
     find_lone_sky,
     fraction_test,
     pairings,
-    span_test,
     split_skies,
     transmit_antennas,
 )

@@ -6,7 +6,7 @@ from tests.studies.quick import assert_holds, run_study
 
 from skyproof.studies.ins_array import STUDIES
 
-NAMES = ("threshold", "roc", "dead-zone", "solid-angle", "scenarios", "position-error", "eight")
+NAMES = ("threshold", "roc", "dead-zone", "solid-angle", "scenarios", "position-error", "eight", "protect")
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -102,3 +102,9 @@ def test_a_million_draws_in_one_call():
     rows = run_study("ins-array.threshold", trials=1_000_000)
     assert rows[1]["trials"] == 1_000_000
     assert rows[1]["p_fa_simulated"] == pytest.approx(0.01, abs=4e-4)
+
+
+def test_protect_names_the_signal_that_is_14_degrees_off_and_no_true_one():
+    named = {row["sat"]: row["named_share"] for row in run_study("ins-array.protect")}
+    assert (named["G29"], named["true"]) == (1.0, 0.0)
+    assert named["G03"] == 0.0  # 2 degrees off: the paper's P_D is 0.066 at 1 %

@@ -5,7 +5,7 @@ from tests.studies.quick import assert_holds, run_study
 
 from skyproof.studies.spin import STUDIES
 
-NAMES = ("roc", "dead-zone", "solid-angle", "scenario", "samples", "circular")
+NAMES = ("roc", "dead-zone", "solid-angle", "scenario", "samples", "circular", "protect")
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -57,3 +57,9 @@ def test_the_scenario_is_counted_as_computed():
 def test_the_seed_gives_the_rows():
     assert run_study("spin.scenario", trials=500) == run_study.__wrapped__("spin.scenario", trials=500)
     assert run_study("spin.scenario", trials=500) != run_study("spin.scenario", trials=500, seed=2)
+
+
+def test_protect_names_both_false_signals_and_no_true_one():
+    rows = run_study("spin.protect")
+    assert {row["sat"] for row in rows} == {"G01", "G02", "true"}
+    assert all(row["named_share"] == (row["sat"] != "true") for row in rows)

@@ -23,6 +23,10 @@ _KNOWN: Final[Mapping[str, str]] = {
 }
 _SHOWN: Final[Mapping[str, str]] = {
     "code": "range differences between the receivers vary by {scatter_m:.1f} m between satellites",
+    "skies": (
+        "range differences between the receivers vary by {scatter_m:.1f} m between satellites, far more than those of "
+        "the other signals"
+    ),
     "carriers": "the carriers' differences between the receivers are no whole cycles from satellite to satellite",
 }
 _CARRIERS: Final[Mapping[str, str]] = {

@@ -3,30 +3,10 @@
 After N. Stenberg, E. Axell, J. Rantakokko, G. Hendeby, NAVIGATION 69(1), 2022, doi 10.33012/navi.510, whose model is
 kept; deciding for groups is our own. In each of R receivers the signals of K satellites fall into two skies, each of
 which fits one position (`split_skies`). A *pairing* takes a sky from each receiver, its *complement* the others. Means
-over the window make two tables of K by R.
-
-A pairing of one antenna shows one position to all receivers. Any other, whatever it mixes, shows one to each: its table
-differs from that of one antenna by *baselines*, 3(R-1) dimensions (to 6 mm for false positions 500 m away, growing with
-the square). What no baseline explains is noise under every hypothesis. Two views say what that is:
-
-- *differences* between receivers, free of whatever a satellite has in common in all of them: (K-1)(R-1) contrasts of
-  each table, (K-4)(R-1) of them noise;
-- *fixes*: each sky against position and clock in its own receiver: R(K-4) dimensions of noise of each table, twice as
-  many with two receivers. Errors that receivers share (orbit, atmosphere, the transmitter's own) enlarge this noise and
-  nothing else, since the square along baselines is taken between receivers: too careful then, never too bold.
+over the window make two tables of K by R, which `detectors.multi_receiver.along_baselines` tests.
 
 With one transmit antenna besides, exactly one of a pairing and its complement has no baseline. If it is the pairing,
-the complement's 3(R-1) dimensions hold noise and perhaps a baseline; so they may join the noise as well, and cost
-nothing just where the other way round is true. (They do where both mix two skies: so one test leaves them out.)
-
-    F = (square along baselines / 3(R-1)) / (squares of the noise / their dimensions)
-
-is exactly F if the pairing has one antenna and the complement has no baseline, and smaller with one, provided that
-the means' errors are normal, independent and of sigmas in known proportion. Nothing is asked about time: correlated and
-constant errors cancel, of whatever size. That is what a test of means against the scatter over time, as the paper's,
-cannot have. The p-value is the smallest of three, each divided by its share of the rate: Bonferroni's bound, so valid
-always. Of all invariant tests that hold whatever the noise and the baseline, none is more powerful than F with all
-dimensions, 3(R-1) and 2R(K-4) + 3(R-1); what the division costs is the only loss.
+the complement may help to know the noise.
 
 With the baseline known the alternative is a point, and one direction decides (`check_known_baseline`). With carrier
 phases the fractions of cycles decide (`fraction_test`): they need a bound on the error, and are a hundred times
@@ -44,6 +24,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from skyproof.arrays import Indices, Reals
+from skyproof.detectors.multi_receiver.along_baselines import combine_views, project
 from skyproof.detectors.multi_receiver.one_antenna import baseline_design, compute_contrasts
 from skyproof.statistics.clusters import LineClusters, divide_line
 from skyproof.statistics.distributions import chi_square_survival, f_survival
@@ -52,20 +33,15 @@ __all__ = [
     "FractionTest",
     "GroupChoice",
     "SkySplit",
-    "SpanTest",
     "check_known_baseline",
     "check_known_sky",
     "choose",
     "find_lone_sky",
     "fraction_test",
     "pairings",
-    "span_test",
     "split_skies",
     "transmit_antennas",
 ]
-
-_FIXES, _DIFFERENCES, _ALONE = 0.8, 0.15, 0.05
-"""Shares of the rate. Pairings that mix are hundreds of metres off, so the test that is for them needs little."""
 
 
 class SkySplit(NamedTuple):
@@ -143,37 +119,6 @@ def pairings(receivers: int) -> Indices:
     return np.array(list(itertools.product((0, 1), repeat=receivers)), np.intp)
 
 
-class SpanTest(NamedTuple):
-    """p_value : (...) of all three. Before they are combined: `fixes`, all noise; `differences`, without what
-    receivers share; `alone`, without the complement's own place as well, for pairings that mix."""
-
-    p_value: Reals
-    fixes: Reals
-    differences: Reals
-    alone: Reals
-
-
-def span_test(one_m: Reals, other_m: Reals, unit_enu: Reals, sigma_m: Reals | None = None) -> SpanTest:
-    """Test that a pairing comes from one antenna, with its complement's help to know the noise.
-
-    `alone` is uniform if it does; the two others are if, besides, the complement has no baseline and (`fixes`)
-    receivers share no errors, and are larger otherwise. What is stated as 1 % is
-    0.9 % without a baseline, and falls to 0.06 % over baselines that are seen.
-
-    Parameters
-    ----------
-    one_m, other_m : (..., K, R) mean ranges of the pairing and of its complement, less what is expected at one point
-        within a kilometre or so; K >= 5.
-    unit_enu : (K, 3) receiver to satellite, mean over the window. sigma_m : (K, R) of the means, up to a common factor,
-        the same in both; equal if None.
-    """
-    seen = _along_baselines(one_m, other_m, unit_enu, sigma_m)
-    square, beside, dof = _square(seen.one), _square(seen.other), seen.one.shape[-1]
-    fixes, differences = (_f_tail(square, dof, noise + beside, d + dof) for noise, d in (seen.fixes, seen.differences))
-    alone = _f_tail(square, dof, *seen.differences)
-    return SpanTest(_combine(fixes, differences, alone), fixes, differences, alone)
-
-
 def check_known_baseline(
     one_m: Reals, other_m: Reals, unit_enu: Reals, baseline_enu_m: Reals, sigma_m: Reals | None = None
 ) -> Reals:
@@ -185,21 +130,28 @@ def check_known_baseline(
 
     Parameters
     ----------
-    baseline_enu_m : (R-1, 3) of each receiver's antenna from the first one's. Others as of `span_test`.
+    one_m, other_m : (..., K, R) mean ranges of the pairing and of its complement, less what is expected at one point
+        within a kilometre or so; K >= 5.
+    unit_enu : (K, 3) receiver to satellite, mean over the window. sigma_m : (K, R) of the means, up to a common factor,
+        the same in both; equal if None.
+    baseline_enu_m : (R-1, 3) of each receiver's antenna from the first one's.
     """
-    seen = _along_baselines(one_m, other_m, unit_enu, sigma_m)
-    shift = seen.design @ np.asarray(baseline_enu_m, float).ravel()
+    one, other = (project(table_m, unit_enu, sigma_m) for table_m in (one_m, other_m))
+    shift = one.design @ np.asarray(baseline_enu_m, float).ravel()
     length = float(np.linalg.norm(shift))
-    error = np.concatenate([seen.one, seen.other - shift], axis=-1)
+    error = np.concatenate([one.along, other.along - shift], axis=-1)
     if length == 0.0:
         return np.ones(error.shape[:-1])
     along = error @ np.concatenate([shift, -shift]) / (np.sqrt(2.0) * length)
     square, dof = _square(error), error.shape[-1]
+    noises = [
+        (mine[0] + theirs[0], mine[1] + theirs[1])
+        for mine, theirs in ((one.fixes, other.fixes), (one.differences, other.differences))
+    ]
     fixes, differences = (
-        _t_tail(along, noise + np.maximum(square - along**2, 0.0), d + dof - 1)
-        for noise, d in (seen.fixes, seen.differences)
+        _t_tail(along, noise + np.maximum(square - along**2, 0.0), d + dof - 1) for noise, d in noises
     )
-    return _combine(fixes, differences, _f_tail(square, dof, *seen.differences))
+    return combine_views(fixes, differences, _f_tail(square, dof, *noises[1]))
 
 
 class FractionTest(NamedTuple):
@@ -251,49 +203,6 @@ def choose(p_values: Reals, false_alarm_probability: float, *, accept_probabilit
     return GroupChoice(np.where(decided, best, -1), two[..., 0])
 
 
-class _Seen(NamedTuple):
-    """A pairing and its complement in units of the sigma.
-
-    one, other : (..., 3(R-1)) along baselines. design : baselines in metres to these. fixes, differences : the squares
-    (...) of what is noise under every hypothesis, and its dimensions.
-    """
-
-    one: Reals
-    other: Reals
-    design: Reals
-    fixes: tuple[Reals, int]
-    differences: tuple[Reals, int]
-
-
-def _along_baselines(one_m: Reals, other_m: Reals, unit_enu: Reals, sigma_m: Reals | None) -> _Seen:
-    k, r = one_m.shape[-2:]
-    weight = np.ones(k * r) if sigma_m is None else 1.0 / np.asarray(sigma_m, float).ravel()
-    # Ranges may be 2e7 m and what is sought is millimetres: take the common part off before multiplying.
-    tables = [(flat - flat[..., :1]) * weight for flat in (a.reshape(*a.shape[:-2], k * r) for a in (one_m, other_m))]
-    baselines = baseline_design(np.diag(weight), unit_enu)
-    receiver, satellite, position = (
-        weight[:, None] * columns
-        for columns in (np.tile(np.eye(r), (k, 1)), np.repeat(np.eye(k), r, axis=0), np.repeat(unit_enu, r, axis=0))
-    )
-    shared = np.column_stack([satellite, receiver[:, 1:]])
-    free, spanned = shared.shape[1], shared.shape[1] + baselines.shape[1]
-    by_differences = np.linalg.qr(np.column_stack([shared, baselines]), mode="complete")
-    along = by_differences.Q[:, free:spanned]
-    # With sigmas of a satellite's factor times a receiver's, what is along baselines lies within the fixes; with others
-    # it does not, and the noise has to keep clear of it.
-    fixed = np.linalg.qr(np.column_stack([position, receiver, baselines])).Q
-    basis, size, _ = np.linalg.svd(np.column_stack([fixed, along]))
-    pair_receiver, other = (table @ along for table in tables)
-    noises = []
-    for rest in (basis[:, int(np.sum(size > 1e-4)) :], by_differences.Q[:, spanned:]):
-        noises.append((_square(tables[0] @ rest) + _square(tables[1] @ rest), 2 * rest.shape[1]))
-    return _Seen(pair_receiver, other, by_differences.R[free:spanned, free:], noises[0], noises[1])
-
-
-def _square(vectors: Reals) -> Reals:
-    return np.asarray(np.sum(vectors**2, axis=-1), float)
-
-
 def _f_tail(square: Reals, dof: int, noise: Reals, noise_dof: int) -> Reals:
     return f_survival(square / dof / np.maximum(noise / noise_dof, 1e-300), dof, noise_dof)
 
@@ -302,7 +211,5 @@ def _t_tail(along: Reals, noise: Reals, dof: int) -> Reals:
     return np.asarray(special.stdtr(dof, -along / np.sqrt(np.maximum(noise / dof, 1e-300))), float)
 
 
-def _combine(fixes: Reals, differences: Reals, alone: Reals) -> Reals:
-    """Combine p-values to one by Bonferroni's bound."""
-    least = np.minimum(np.minimum(fixes / _FIXES, differences / _DIFFERENCES), alone / _ALONE)
-    return np.asarray(np.minimum(least, 1.0), float)
+def _square(vectors: Reals) -> Reals:
+    return np.asarray(np.sum(vectors**2, axis=-1), float)

@@ -19,6 +19,7 @@ from scipy import special
 from scipy.signal import lfilter
 
 from skyproof.arrays import Booleans, Reals
+from skyproof.detectors.multi_receiver.along_baselines import span_test
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Ephemeris
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
@@ -32,7 +33,6 @@ from skyproof.studies.group_choice import (
     choose,
     fraction_test,
     pairings,
-    span_test,
     split_skies,
 )
 from skyproof.studies.roc import chi_square_power

@@ -80,13 +80,13 @@ CASES: Final = (
     Case(group=_RECEIVERS, method="one_antenna", test="at most 5 m apart", draw=draws.distance, quick=2000,
          usual=50_000, at_once=2000,
          why="the nearest distance allowed, in place of the true one: a disc is no point"),
-    *(Case(group=_RECEIVERS, method="group_choice", test=f"along baselines, alone, {r} receivers",
+    *(Case(group=_RECEIVERS, method="along_baselines", test=f"along baselines, alone, {r} receivers",
            draw=draws.span("alone", receivers=r))
       for r in (2, 3)),
-    *(Case(group=_RECEIVERS, method="group_choice", test=f"along baselines by {part}, no baseline",
+    *(Case(group=_RECEIVERS, method="along_baselines", test=f"along baselines by {part}, no baseline",
            draw=draws.span(part, apart=False))
       for part in ("fixes", "differences")),
-    *(Case(group=_RECEIVERS, method="group_choice", test=f"along baselines, all three, {words}",
+    *(Case(group=_RECEIVERS, method="along_baselines", test=f"along baselines, all three, {words}",
            draw=draws.span("p_value", apart=apart),
            why=f"the smallest of three p-values over their shares, which have much in common{more}")
       for words, apart, more in (("no baseline", False, ""),

@@ -26,6 +26,7 @@ from skyproof.detectors.array.array_model import (
 from skyproof.detectors.correlators import correlator_laws as law
 from skyproof.detectors.correlators import vector_parity as parity
 from skyproof.detectors.dccaf.inverse_raim import parity_matrix
+from skyproof.detectors.multi_receiver.along_baselines import span_test
 from skyproof.detectors.multi_receiver.one_antenna import (
     WHITE,
     TrackNoise,
@@ -74,7 +75,7 @@ from skyproof.studies.decomposition_laws import (
 from skyproof.studies.direction_tests import equal_p_value, outsider_statistic
 from skyproof.studies.double_difference import Tested, difference_test, estimate_pooled_correlation
 from skyproof.studies.exclusion import choose_fix
-from skyproof.studies.group_choice import check_known_baseline, check_known_sky, fraction_test, span_test
+from skyproof.studies.group_choice import check_known_baseline, check_known_sky, fraction_test
 from skyproof.studies.ins_array_figures import ERRORS, SIGMA_CYC
 from skyproof.studies.linear_tests import linear_model, linear_test
 from skyproof.studies.run_lengths import cusum_threshold, page_threshold

@@ -13,8 +13,9 @@ does. A transmitter that reaches some receivers only shows a baseline of its cho
 if what is known of the antennas agrees (`known_geometry`). That is their places, their distance, or the baseline of
 windows in which both skies were received. If "one antenna" cannot be rejected, rejecting "antennas so far apart" names
 the signals false. Several sets in each: the pairing with the least contrast is the false one if every other is much
-worse, by `one_antenna.ratio_test`, which needs no noise model. The other sets are authentic if both this test and the
-one for "one antenna" agree. Decisions are for whole groups.
+worse, by tests that need no law of the noise over time (`one_antenna.ratio_test`, `along_baselines.span_test`). The
+other sets are authentic if these tests, or the one by the noise over time, reject one antenna for them. Decisions are
+for whole groups.
 
 The distance of the antennas in windows in which both skies were received holds after them, where none is given: when
 the true sky is drowned, one antenna does not show it (`learnt`).

@@ -56,6 +56,7 @@ __all__ = [
     "compute_contrasts",
     "distance_p_value",
     "estimate_baselines",
+    "mix_sigmas",
     "one_antenna_test",
     "ratio_test",
 ]
@@ -237,6 +238,19 @@ def _squares_along(level: Reals, variance: Reals, along: Reals) -> Reals:
     return np.asarray(np.sum(moment * solved, axis=-1), float)
 
 
+def mix_sigmas(one_m: Reals, other_m: Reals, mixtures: int = 5) -> tuple[Reals, Reals]:
+    """Mix the sigmas of two tables, (mixtures, ...) of each: from one for all tracks to those that are given.
+
+    What is constant is alike in every track, what is thermal as `one_m`, `other_m` (..., K, R). Up to a common factor.
+    """
+    typical = np.mean(np.concatenate([one_m**2, other_m**2], axis=-2), axis=(-1, -2), keepdims=True)
+    mixed = []
+    for sigma_m in (one_m, other_m):
+        share = np.linspace(0.0, 1.0, mixtures).reshape((-1,) + (1,) * sigma_m.ndim)
+        mixed.append(np.sqrt(share * sigma_m**2 / typical + (1.0 - share)))
+    return mixed[0], mixed[1]
+
+
 class RatioTest(NamedTuple):
     """p_value, statistic (...); dof_num, dof_den of the F law; log_likelihood_ratio (...) of the second over the
     first."""
@@ -283,13 +297,11 @@ def ratio_test(
         antenna" over "the first is". The noise is equal, of unknown variance (density 1/variance); the other one's
         contrasts have any mean (flat density). So it is half the number of contrasts times the log of the ratio.
     """
-    typical = np.mean(np.concatenate([larger_sigma_m**2, smaller_sigma_m**2], axis=-2), axis=(-1, -2), keepdims=True)
     mean_squares, dofs = [], []
-    tables = (larger_m, larger_sigma_m, larger_kinds), (smaller_m, smaller_sigma_m, smaller_kinds)
-    for means_m, sigma_m, kinds in tables:
-        relative = (sigma_m**2 / typical)[(None,) * (means_m.ndim - sigma_m.ndim)]
-        share = np.linspace(0.0, 1.0, mixtures).reshape((-1,) + (1,) * means_m.ndim)
-        values, _, _ = compute_contrasts(means_m[..., None, :, :], np.sqrt(share * relative + (1.0 - share)), kinds)
+    tables = (larger_m, larger_kinds), (smaller_m, smaller_kinds)
+    for (means_m, kinds), sigma_m in zip(tables, mix_sigmas(larger_sigma_m, smaller_sigma_m, mixtures), strict=True):
+        spread = sigma_m.reshape((mixtures,) + (1,) * (means_m.ndim + 1 - sigma_m.ndim) + sigma_m.shape[1:])
+        values, _, _ = compute_contrasts(means_m[..., None, :, :], spread, kinds)
         mean_squares.append(np.mean(values[..., 0, :] ** 2, axis=-1))
         dofs.append(values.shape[-1])
     statistic = mean_squares[0] / np.maximum(mean_squares[1], 1e-300)

@@ -8,10 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from skyproof.arrays import Booleans, Reals
+from skyproof.detectors.multi_receiver.along_baselines import span_test
 from skyproof.detectors.multi_receiver.carriers import (
     CarrierTest,
     Fractions,
@@ -24,7 +26,6 @@ from skyproof.detectors.multi_receiver.known_geometry import Fit, geometry_survi
 from skyproof.detectors.multi_receiver.one_antenna import (
     ContrastLevels,
     MeanTest,
-    RatioTest,
     TableContrasts,
     TrackNoise,
     average_contrasts,
@@ -33,20 +34,24 @@ from skyproof.detectors.multi_receiver.one_antenna import (
     compute_contrasts,
     distance_p_value,
     estimate_baselines,
+    mix_sigmas,
     one_antenna_test,
     ratio_test,
 )
 from skyproof.detectors.multi_receiver.policy import POLICY
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbits import compute_satellite_positions_m
 from skyproof.gnss.sky import compute_unit_vectors, rotate_to_reception
 from skyproof.gnss.time import seconds_between, timedelta_from_s
-from skyproof.records import Baseline, ConsistentSet, Kind, NavigationData, Records, SignalRef
+from skyproof.navigation.search import compute_misfits
+from skyproof.navigation.sets import measure_window
+from skyproof.records import Baseline, ConsistentSet, Kind, NavigationData, Observations, Records, SignalRef
 from skyproof.statistics.autoregression import correlation_grid
 from skyproof.statistics.distributions import chi_square_survival
 from skyproof.statistics.lines import fit_line, line_columns
 
-__all__ = ["Pairing", "compare_pairings", "evaluate_sky_by_carriers", "list_groups", "pair_up"]
+__all__ = ["Comparison", "Pairing", "compare_pairings", "evaluate_sky_by_carriers", "list_groups", "pair_up"]
 
 _TRAVEL_S = 0.075  # to 10 ms: 40 m along the orbit, 2 microradians
 _THINNER = 2.9e-4
@@ -55,9 +60,10 @@ _THINNER = 2.9e-4
 
 @dataclass(frozen=True, eq=False)
 class Pairing:
-    """Sets, one per receiver, whose common transmissions are looked at together."""
+    """Sets, one per receiver, whose common transmissions are looked at together. observed : of the first receiver."""
 
     sets: tuple[ConsistentSet, ...]
+    observed: Observations
     ranges: CommonRanges
     noise: TrackNoise
     navigation: NavigationData | None
@@ -178,6 +184,22 @@ class Pairing:
         unit_enu[:, 2] += _THINNER / np.maximum(unit_enu[:, 2], POLICY.least_elevation_sine)
         _, _, matrix = compute_contrasts(self.ranges.range_m[..., :2], self.ranges.sigma_m[:, :2], self.ranges.kinds)
         return unit_enu if np.linalg.matrix_rank(baseline_design(matrix, unit_enu)) == unit_enu.shape[1] else None
+
+    @cached_property
+    def near_place_m(self) -> Reals | None:
+        """Return the mean ranges (K, R) less those expected at the first set's position; None without all orbits."""
+        if self.navigation is None or self.unit_enu is None:
+            return None
+        first, place_m = self.ranges.signals, self.sets[0].position_ecef_m
+        mean, measured, usable = measure_window(
+            self.observed, self.navigation, multipath_sigma_m=self.noise.multipath_sigma_m, ionosphere_share=0.0
+        )
+        rows = np.array([mean.signals.index(signal) for signal in first if signal in mean.signals], np.intp)
+        if rows.size < len(first) or not usable[rows].all():
+            return None
+        state_m = np.append(place_m, SPEED_OF_LIGHT_M_S * self.sets[0].clock_of_s(first[0].kind))
+        misfit_m, _, _ = compute_misfits(measured, rows, state_m)
+        return misfit_m[:, None] + self.ranges.mean_m - self.ranges.mean_m[:, :1]
 
     @cached_property
     def distances_m(self) -> tuple[float, ...] | None:
@@ -344,6 +366,7 @@ def pair_up(
     thermal_m = float(np.sqrt(np.mean(ranges.sigma_m**2))) if ranges.sigma_m.size else 0.0
     return Pairing(
         sets=sets,
+        observed=next(o for o in records.observations if o.receiver == sets[0].receiver),
         ranges=ranges,
         noise=replace(noise, bound_m=float(np.hypot(noise.bound_m, thermal_m))),
         navigation=records.navigation,
@@ -374,13 +397,45 @@ def evaluate_sky_by_carriers(pairings: Sequence[Pairing], geometry: Fit) -> Carr
     return worst
 
 
-def compare_pairings(larger: Pairing, smaller: Pairing) -> RatioTest:
-    """Test "it is `larger`, not `smaller`, that comes from one antenna"."""
-    return ratio_test(
-        larger.ranges.mean_m,
-        larger.ranges.mean_sigma_m,
-        smaller.ranges.mean_m,
-        smaller.ranges.mean_sigma_m,
-        larger_kinds=larger.ranges.kinds,
-        smaller_kinds=smaller.ranges.kinds,
+class Comparison(NamedTuple):
+    """Of two pairings. p_value : of "it is the larger one, not the smaller, that comes from one antenna".
+    log_likelihood_ratio : of the smaller over the larger."""
+
+    p_value: float
+    log_likelihood_ratio: float
+
+
+def compare_pairings(larger: Pairing, smaller: Pairing) -> Comparison:
+    """Test "it is `larger`, not `smaller`, that comes from one antenna", whatever the noise over time.
+
+    By all contrasts; where the orbits are known and the two share no signals also along baselines alone. The smaller of
+    both p-values, doubled, holds.
+    """
+    ranges, others = larger.ranges, smaller.ranges
+    sigma_m, other_sigma_m = ranges.mean_sigma_m, others.mean_sigma_m
+    test = ratio_test(
+        ranges.mean_m, sigma_m, others.mean_m, other_sigma_m, larger_kinds=ranges.kinds, smaller_kinds=others.kinds
+    )
+    p_value = float(test.p_value)
+    if test.statistic > 1.0 and not larger.takes & smaller.takes:
+        p_span = _test_span(larger, smaller)
+        p_value = p_value if p_span is None else min(1.0, 2.0 * min(p_value, p_span))
+    return Comparison(p_value, float(test.log_likelihood_ratio))
+
+
+def _test_span(one: Pairing, other: Pairing) -> float | None:
+    """Test along baselines that the one comes from one antenna; None if that takes more satellites or orbits."""
+    tables = [(p.near_place_m, p.unit_enu) for p in (one, other) if p.ranges.kinds.max(initial=0) == 0]
+    known = [(table_m, unit_enu) for table_m, unit_enu in tables if table_m is not None and unit_enu is not None]
+    if len(known) < 2 or min(len(table_m) for table_m, _ in known) <= POLICY.fix_satellites:
+        return None
+    (one_m, unit_enu), (other_m, other_unit_enu) = known
+    mixed = zip(*mix_sigmas(one.ranges.mean_sigma_m, other.ranges.mean_sigma_m), strict=True)
+    return max(
+        float(
+            span_test(
+                one_m, other_m, unit_enu, sigma_m, other_unit_enu=other_unit_enu, other_sigma_m=other_sigma_m
+            ).p_value
+        )
+        for sigma_m, other_sigma_m in mixed
     )

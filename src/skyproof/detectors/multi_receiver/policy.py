@@ -101,6 +101,15 @@ class MultiReceiverPolicy:
         19.0, "1", "A mean varies by (1 + a) / (1 - a) more where noise lasts from epoch to epoch by a = 0.9."
     )
     fix_satellites: int = number(4, "1", "Three coordinates and a clock take four ranges.", "Kaplan & Hegarty, 2.5.2")
+    fixes_share: float = number(
+        0.8, "1", "Chosen: of the rate, of the test along baselines that takes all noise: the most powerful gets most."
+    )
+    differences_share: float = number(
+        0.15, "1", "Chosen: of the rate, of the one between receivers, for errors that receivers share."
+    )
+    alone_share: float = number(
+        0.05, "1", "The remainder: pairings that mix two skies are hundreds of metres off, so their test needs little."
+    )
     distance_share: float = number(
         0.05, "1", "Chosen: who paces or looks at a map is off by more in five of a hundred cases."
     )

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from skyproof.detectors.base import NotTested
 from skyproof.detectors.multi_receiver.known_geometry import AntennaPlaces, consistency_p_value
 from skyproof.detectors.multi_receiver.pairing import Pairing, compare_pairings
@@ -20,6 +22,7 @@ def decide_several_sets(window: Window) -> list[Finding]:
     alpha = window.settings.false_alarm_probability
     could_be = [p for p in window.pairings if window.p_one(p) >= max(window.settings.accept_probability, alpha)]
     could_be = [p for p in could_be if _shows_one_place(window, p)]
+    could_be = [p for p in could_be if _p_by_others(p, could_be) >= alpha]
     could_be.sort(key=lambda p: float(p.one_antenna.statistic))
     false = [p for p in could_be if not _is_contested(window, p, could_be)]
     skies = _select_remaining(window, false)
@@ -40,16 +43,18 @@ def _is_contested(window: Window, pairing: Pairing, could_be: Sequence[Pairing])
     alternatives = (other for other in could_be if other is not pairing and other.takes & pairing.takes)
     if any(compare_pairings(other, pairing).p_value >= alpha for other in alternatives):
         return True
-    skies = _select_agreeing(window, [p for p in window.pairings if p.kinds & pairing.kinds])
+    skies = _select_agreeing(window, [p for p in window.pairings if p.kinds & pairing.kinds], could_be)
     return bool(skies) and all(sky.takes & pairing.takes for sky in skies)
 
 
-def _select_agreeing(window: Window, pairings: Sequence[Pairing]) -> list[Pairing]:
-    """Select the pairings that are not from one antenna, and show the antennas where they are known to stand."""
+def _select_agreeing(window: Window, pairings: Sequence[Pairing], beside: Sequence[Pairing]) -> list[Pairing]:
+    """Select the pairings that are not from one antenna, and show the antennas where they are known to stand.
+
+    beside : as of `_p_each`."""
     found = []
     for p in pairings:
         geometry = window.settings.geometry(p.receivers)
-        apart = geometry is not None and window.p_each(p) < window.settings.false_alarm_probability
+        apart = geometry is not None and _p_each(window, p, beside) < window.settings.false_alarm_probability
         if geometry is not None and apart and window.agrees(p, geometry):
             found.append(p)
     return found
@@ -67,6 +72,19 @@ def _shows_one_place(window: Window, pairing: Pairing) -> bool:
     return consistency_p_value(nowhere, pairing.baselines[:1]) >= window.settings.accept_probability
 
 
+def _p_by_others(pairing: Pairing, could_be: Sequence[Pairing]) -> float:
+    """Return the p-value of "it comes from one antenna" beside pairings that could, of other signals of its kind."""
+    others = [p for p in could_be if p is not pairing and p.kinds == pairing.kinds and not p.takes & pairing.takes]
+    return min((compare_pairings(pairing, other).p_value for other in others), default=1.0)
+
+
+def _p_each(window: Window, sky: Pairing, false: Sequence[Pairing]) -> float:
+    """Return the p-value of "one antenna" of any kind of signals: by the noise over time, or beside false signals."""
+    kinds = len({p.kinds for p in window.pairings})  # of each, one pairing at most comes from one antenna
+    p_beside = kinds * _p_by_others(sky, false)
+    return min(1.0, 2.0 * min(window.p_each(sky), p_beside)) if p_beside < 1.0 else window.p_each(sky)
+
+
 def _test_false_group(window: Window, pairing: Pairing, false: list[Pairing], *, decided: bool) -> Finding | None:
     """Name a pairing that comes from one antenna; None if it does not.
 
@@ -74,22 +92,21 @@ def _test_false_group(window: Window, pairing: Pairing, false: list[Pairing], *,
     alpha = window.settings.false_alarm_probability
     alternatives = [p for p in window.pairings if p is not pairing and not (decided and p in false)]
     tests = [compare_pairings(alternative, pairing) for alternative in alternatives]
-    worst = max(tests, key=lambda test: float(test.p_value), default=None)
+    worst = max(tests, key=lambda test: test.p_value, default=None)
     # With two skies in every receiver one of the pairings is false altogether; with fewer it may have been missed.
     complete = all(len(sets) >= 2 for sets in window.sets.values())
     if complete and worst is not None and worst.p_value < alpha:
         contrast: dict[str, Datum] = {
             "scatter_m": float(pairing.scatter_m),
             "others_m": float(min(p.scatter_m for p in alternatives)),
-            "statistic": float(worst.statistic),
-            "threshold": float(worst.threshold(alpha)),
-            "log_likelihood_ratio": float(worst.log_likelihood_ratio),
+            **_compare_p(worst.p_value, alpha),
+            "log_likelihood_ratio": worst.log_likelihood_ratio,
             "group": next(window.groups),
         }
         return window.report.find(
             pairing.subject,
             "least_contrast",
-            {Cause.CLEAN: float(worst.p_value)},
+            {Cause.CLEAN: worst.p_value},
             singled_out=True,
             data={**describe_pairing(pairing), **contrast},
         )
@@ -109,23 +126,33 @@ def _test_false_group(window: Window, pairing: Pairing, false: list[Pairing], *,
 
 def _test_sky_group(window: Window, sky: Pairing, false: list[Pairing], *, shown: bool) -> Finding | None:
     """Report a pairing as authentic if it comes from the sky. shown : the others are shown to be false."""
-    alpha, p_one = window.settings.false_alarm_probability, window.p_each(sky)
+    alpha, p_one = window.settings.false_alarm_probability, _p_each(window, sky, false)
     if p_one >= alpha:
         return None
     geometry = window.settings.geometry(sky.receivers)
+    data: dict[str, Datum] = {}
+    if window.p_each(sky) >= alpha:
+        data = {"by": "skies", **_compare_p(p_one, alpha)}
     if geometry is not None:
         # As with one set in each receiver: it is told from the false ones by where the antennas stand.
         if not window.agrees(sky, geometry):
             return None
         statement = window.build_statement(sky, geometry, agrees=True)
-        return window.find_authentic(sky, "as_known", p_one, geometry.assumes, data=geometry.data, statement=statement)
+        data = {**geometry.data, **data}
+        return window.find_authentic(sky, "as_known", p_one, geometry.assumes, data=data, statement=statement)
     if not shown:  # beside what may be the sky's, or echoes, nothing is true for being no such
         return None
-    p_ratio = max((float(compare_pairings(sky, pairing).p_value) for pairing in false), default=0.0)
+    p_ratio = max((compare_pairings(sky, pairing).p_value for pairing in false), default=0.0)
     if p_ratio >= alpha or window.p_possible(sky) < alpha:
         return None
     p_value, baselines = max(p_one, p_ratio), window.select_believed(sky)
-    return window.find_authentic(sky, BESIDE_FALSE_SKY, p_value, ("one_false_sky",), baselines=baselines)
+    assumes = ("one_false_sky",)
+    return window.find_authentic(sky, BESIDE_FALSE_SKY, p_value, assumes, data=data, baselines=baselines)
+
+
+def _compare_p(p_value: float, alpha: float) -> dict[str, Datum]:
+    """Return a p-value and the largest that rejects as a statistic and its threshold: their negative logarithms."""
+    return {"statistic": -float(np.log10(max(p_value, np.finfo(float).tiny))), "threshold": -float(np.log10(alpha))}
 
 
 def _select_remaining(window: Window, false: list[Pairing]) -> list[Pairing]:
@@ -138,9 +165,9 @@ def _select_remaining(window: Window, false: list[Pairing]) -> list[Pairing]:
     """
     taken = set[tuple[int, Kind]]().union(*(p.takes for p in false))
     free = [p for p in window.pairings if not taken & p.takes]
-    free = [p for p in free if window.p_each(p) < window.settings.false_alarm_probability]
+    free = [p for p in free if _p_each(window, p, false) < window.settings.false_alarm_probability]
     if free and all(window.settings.geometry(p.receivers) is not None for p in free):
-        free = _select_agreeing(window, free)
+        free = _select_agreeing(window, free, false)
         return [p for p in free if not any(p is not q and p.kinds & q.kinds for q in free)]
     whole = {id(s) for pairing in false for s in pairing.sets}
     single = all(sum(id(s) not in whole for s in sets) == 1 for sets in window.sets.values())
