@@ -9,8 +9,8 @@ from tests.detectors import nulls
 
 from skyproof.detectors.correlators.beats import Line, find_line, fit_common_motion, mirror_p_value
 from skyproof.detectors.correlators.beats_detector import Beats
-from skyproof.detectors.correlators.vector_sqm_detector import VectorSqmSettings, compute_directions
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.navigation.directions import compute_directions
 from skyproof.records import Cause, Finding, Records
 from skyproof.testing import MeasuredScene
 
@@ -36,7 +36,7 @@ def beat(rng, rates_m_s, *, amplitude=0.3, scene=SCENE) -> Records:
 def read_directions(records: Records) -> np.ndarray:
     """Return the rows (n, 4) of the geometry of a window's signals."""
     (o,) = records.observations
-    directions = compute_directions(o, records.navigation, o.signals, VectorSqmSettings())
+    directions = compute_directions(o, records.navigation, o.signals)
     assert directions is not None
     return np.nan_to_num(directions.design)
 

@@ -13,11 +13,11 @@ from skyproof.detectors.correlators.vector_sqm_detector import (
     VectorSqm,
     VectorSqmSettings,
     code_offset_chips,
-    compute_directions,
     select_pair,
     t_squared_survival,
 )
 from skyproof.errors import SettingsError
+from skyproof.navigation.directions import compute_directions
 from skyproof.records import Cause
 from skyproof.studies.vector_rules import equilibrium
 
@@ -25,7 +25,7 @@ from skyproof.studies.vector_rules import equilibrium
 def settle_loops(records, code_chips, doppler_hz, places):
     """Return the offsets at which loops settle when these satellites are attacked alike."""
     (o,), (taps,) = records.observations, records.vector_taps
-    where = satellite_geometry(compute_directions(o, records.navigation, taps.signals, VectorSqmSettings()).design)
+    where = satellite_geometry(compute_directions(o, records.navigation, taps.signals).design)
     attack = np.isin(np.arange(len(o.signals)), places)
     return equilibrium(where, code_chips * attack, doppler_hz * attack, 45.0)
 
@@ -69,7 +69,7 @@ def test_signals_that_agree_on_one_false_place_show_nothing():
     rng = np.random.default_rng(8)
     records = draw_vector_taps(rng)
     (o,), (taps,) = records.observations, records.vector_taps
-    design = compute_directions(o, records.navigation, taps.signals, VectorSqmSettings()).design
+    design = compute_directions(o, records.navigation, taps.signals).design
     offsets = equilibrium(
         satellite_geometry(design), design @ [0.3, -0.2, 0.1, 0.2], design @ [50.0, 80.0, 0.0, 0.0], 45
     )
@@ -91,8 +91,8 @@ def test_channels_below_the_mask_are_not_tested():
     (o,), (taps,) = records.observations, records.vector_taps
 
     def list_tested(mask_deg):
-        settings = VectorSqmSettings(elevation_mask_deg=mask_deg)
-        return np.isfinite(compute_directions(o, records.navigation, taps.signals, settings).lasting_chips)
+        seen = compute_directions(o, records.navigation, taps.signals, elevation_mask_deg=mask_deg)
+        return np.isfinite(seen.sigma_m)
 
     every, high = list_tested(0.0), list_tested(25.0)
     assert every.all()

@@ -20,9 +20,9 @@ from skyproof.detectors.correlators.beats import (
     mirror_p_value,
 )
 from skyproof.detectors.correlators.policy import POLICY
-from skyproof.detectors.correlators.vector_sqm_detector import VectorSqmSettings, compute_directions
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.navigation.directions import compute_directions
 from skyproof.navigation.fix import fix
 from skyproof.records import (
     Cause,
@@ -159,7 +159,7 @@ def _fit_lines(powers: _Powers, tested: Mapping[SignalId, Reals]) -> tuple[tuple
 
 def _compute_directions(taps: Taps, o: Observations, navigation: NavigationData) -> dict[SignalId, Reals]:
     """Compute the rows of the geometry of each satellite's first signal that is the only one of its transmission."""
-    directions = compute_directions(o, navigation, taps.signals, VectorSqmSettings())
+    directions = compute_directions(o, navigation, taps.signals)
     if directions is None:
         return {}
     tracked = [taps.signals[k] for k in np.flatnonzero(np.isfinite(taps.value).any(axis=(0, 2, 3)))]

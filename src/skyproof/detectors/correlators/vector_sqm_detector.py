@@ -6,7 +6,7 @@ show from look to look. Beside it each code may be off by what multipath and the
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from scipy import special
@@ -27,10 +27,7 @@ from skyproof.detectors.correlators.vector_parity import (
 from skyproof.detectors.correlators.vector_sqm import satellite_geometry
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.time import timedelta_from_s
-from skyproof.navigation.elevation_mask import find_low
-from skyproof.navigation.least_squares import design_matrix
-from skyproof.navigation.search import WindowRanges, compute_misfits, find_point_below, solve
-from skyproof.navigation.sets import measure_window
+from skyproof.navigation.directions import Directions, compute_directions
 from skyproof.records import (
     Cause,
     Datum,
@@ -79,14 +76,6 @@ class VectorSqmSettings:
         for name in ("multipath_sigma_m", "ionosphere_share"):
             if getattr(self, name) < 0.0:
                 raise SettingsError(f"vector_sqm: {name} is {getattr(self, name):g}, expected 0 or more")
-
-
-class Directions(NamedTuple):
-    """Of signals (n,): rows of the geometry (n, 4), and the error that a code may keep over a window, in chips; NaN
-    where no orbit is known."""
-
-    design: Reals
-    lasting_chips: Reals
 
 
 def select_pair(taps: Taps) -> tuple[float, int, int, int] | None:
@@ -174,7 +163,15 @@ class VectorSqm:
             return NotTested("no_pair", data)
         geometry = None
         if observations is not None and observations.gpst.size:
-            geometry = compute_directions(observations, navigation, taps.signals, self.settings)
+            asked = self.settings
+            geometry = compute_directions(
+                observations,
+                navigation,
+                taps.signals,
+                multipath_sigma_m=asked.multipath_sigma_m,
+                ionosphere_share=asked.ionosphere_share,
+                elevation_mask_deg=asked.elevation_mask_deg,
+            )
         spacing_chips, early, prompt, late = pair
         value = taps.value[:, :, int(np.argmin(np.abs(taps.dopplers_hz)))].astype(np.complex128)
         kept = _select_guided(value, geometry)
@@ -197,7 +194,7 @@ class VectorSqm:
             code_chips=code_offset_chips(np.abs(chosen[..., early]), np.abs(chosen[..., late]), spacing_chips),
             phase_rad=phase_discriminator(chosen[..., prompt]),
             design=geometry.design[kept],
-            lasting_chips=geometry.lasting_chips[kept],
+            lasting_chips=geometry.sigma_m[kept] / [taps.signals[k].plan.chip_m for k in kept],
         )
 
     def _test_looks(
@@ -292,44 +289,4 @@ def _select_guided(value: Any, geometry: Directions | None) -> Indices:
         return np.empty(0, np.intp)
     tracked = np.isfinite(value).all(axis=2)
     share = tracked.sum(axis=0) / max(int(tracked.any(axis=1).sum()), 1)
-    return np.flatnonzero((share >= POLICY.guided_looks_share) & np.isfinite(geometry.lasting_chips))
-
-
-def compute_directions(
-    observations: Observations, navigation: NavigationData, signals: tuple[SignalId, ...], settings: VectorSqmSettings
-) -> Directions | None:
-    """Compute directions from where the signals place the receiver, except for satellites below the elevation mask.
-
-    None if they give no position.
-    """
-    mean, measurements, usable = measure_window(
-        observations,
-        navigation,
-        multipath_sigma_m=settings.multipath_sigma_m,
-        ionosphere_share=settings.ionosphere_share,
-        min_share=0.0,
-    )
-    row_of = {signal: row for row, signal in enumerate(mean.signals) if usable[row]}
-    rows = np.array([row_of[signal] for signal in signals if signal in row_of], np.intp)
-    state_m = _state(measurements, rows)
-    if np.all(np.isfinite(state_m)):
-        low = find_low(state_m[:3], measurements.satellite_ecef_m, settings.elevation_mask_deg)
-        row_of = {signal: row for signal, row in row_of.items() if not low[row]}
-        rows = rows[~low[rows]]
-        state_m = _state(measurements, rows)
-    if not np.all(np.isfinite(state_m)):
-        return None
-    _, sigma_m, unit = compute_misfits(measurements, rows, state_m)
-    design, lasting_chips = np.full((len(signals), 4), np.nan), np.full(len(signals), np.nan)
-    places = [k for k, signal in enumerate(signals) if signal in row_of]
-    chip_m = np.array([signals[k].plan.chip_m for k in places])
-    design[places], lasting_chips[places] = design_matrix(unit), sigma_m / chip_m
-    return Directions(design, lasting_chips)
-
-
-def _state(measurements: WindowRanges, rows: Indices) -> Reals:
-    """Solve for position and clock (4,); NaN with fewer than four satellites."""
-    if rows.size < 4:
-        return np.full(4, np.nan)
-    start_m = np.append(find_point_below(measurements, rows), 0.0)
-    return np.asarray(solve(measurements, rows[None], start_m[None], rounds=3).state_m[0])
+    return np.flatnonzero((share >= POLICY.guided_looks_share) & np.isfinite(geometry.sigma_m))
