@@ -22,7 +22,7 @@ def decide_several_sets(window: Window) -> list[Finding]:
     alpha = window.settings.false_alarm_probability
     could_be = [p for p in window.pairings if window.p_one(p) >= max(window.settings.accept_probability, alpha)]
     could_be = [p for p in could_be if _shows_one_place(window, p)]
-    could_be = [p for p in could_be if _p_by_others(p, could_be) >= alpha]
+    could_be = [p for p in could_be if (p_value := _p_by_others(p, could_be)) is None or p_value >= alpha]
     could_be.sort(key=lambda p: float(p.one_antenna.statistic))
     false = [p for p in could_be if not _is_contested(window, p, could_be)]
     skies = _select_remaining(window, false)
@@ -50,7 +50,8 @@ def _is_contested(window: Window, pairing: Pairing, could_be: Sequence[Pairing])
 def _select_agreeing(window: Window, pairings: Sequence[Pairing], beside: Sequence[Pairing]) -> list[Pairing]:
     """Select the pairings that are not from one antenna, and show the antennas where they are known to stand.
 
-    beside : as of `_p_each`."""
+    beside : pairings that may be false, for `_p_each`.
+    """
     found = []
     for p in pairings:
         geometry = window.settings.geometry(p.receivers)
@@ -72,17 +73,23 @@ def _shows_one_place(window: Window, pairing: Pairing) -> bool:
     return consistency_p_value(nowhere, pairing.baselines[:1]) >= window.settings.accept_probability
 
 
-def _p_by_others(pairing: Pairing, could_be: Sequence[Pairing]) -> float:
-    """Return the p-value of "it comes from one antenna" beside pairings that could, of other signals of its kind."""
+def _p_by_others(pairing: Pairing, could_be: Sequence[Pairing]) -> float | None:
+    """Return the p-value of "it comes from one antenna" beside pairings of its kind's other signals that could.
+
+    None without any.
+    """
     others = [p for p in could_be if p is not pairing and p.kinds == pairing.kinds and not p.takes & pairing.takes]
-    return min((compare_pairings(pairing, other).p_value for other in others), default=1.0)
+    p_values = [compare_pairings(pairing, other).p_value for other in others]
+    return min(1.0, len(others) * min(p_values)) if others else None
 
 
 def _p_each(window: Window, sky: Pairing, false: Sequence[Pairing]) -> float:
     """Return the p-value of "one antenna" of any kind of signals: by the noise over time, or beside false signals."""
+    p_beside, p_each = _p_by_others(sky, false), window.p_each(sky)
+    if p_beside is None:
+        return p_each
     kinds = len({p.kinds for p in window.pairings})  # of each, one pairing at most comes from one antenna
-    p_beside = kinds * _p_by_others(sky, false)
-    return min(1.0, 2.0 * min(window.p_each(sky), p_beside)) if p_beside < 1.0 else window.p_each(sky)
+    return min(1.0, 2.0 * min(p_each, kinds * p_beside))
 
 
 def _test_false_group(window: Window, pairing: Pairing, false: list[Pairing], *, decided: bool) -> Finding | None:
