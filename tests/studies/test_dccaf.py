@@ -135,3 +135,9 @@ def test_no_figure_is_outside_its_tolerance_at_full_count(name):
     study = FOUND[name]
     for item in check(study, list(study.run(StudySettings()))):
         assert item.agrees is not False, (item.claim.what, item.same, item.better)
+
+
+def test_protect_finds_the_pull_over_las_vegas():
+    (row,) = FOUND["dccaf.protect"].run(StudySettings(quick=True))
+    assert (row["spoofed_share"], row["wrong_labels"], row["wrong_fixes"]) == (1.0, 0.0, 0.0)
+    assert row["delay_s"] < 11.0  # at 1 m/s

@@ -12,7 +12,7 @@ BY_NAME = {study.name: study for study in STUDIES}
 
 
 def test_every_study_of_the_paper_is_found():
-    names = ["false-alarm", "bias", "density", "parameters", "cn0-k", "one-spoofer", "many", "delay"]
+    names = ["false-alarm", "bias", "density", "parameters", "cn0-k", "one-spoofer", "many", "delay", "protect"]
     assert [f"vector-sqm.{name}" for name in names] == list(BY_NAME)
     assert set(BY_NAME) <= set(studies())
 
@@ -73,3 +73,9 @@ def test_every_claim_on_one_spoofer_holds():
     reported = {r["prn"]: (r["tested_prn"], r["p_d_largest"]) for r in whole}
     for prn, tested, p_d in ((12, 2, 0.8484), (13, 20, 0.5814), (17, 20, 0.9252), (28, 2, 0.8884)):
         assert reported[prn] == (tested, pytest.approx(p_d, abs=6e-5))
+
+
+def test_protect_names_the_attacked_satellite_and_no_other():
+    (row,) = run_study("vector-sqm.protect")
+    assert (row["spoofed_share"], row["named_share"], row["true_named"]) == (1.0, 1.0, 0.0)
+    assert row["delay_s"] < 11.0
