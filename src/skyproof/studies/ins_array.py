@@ -51,7 +51,7 @@ _NAMED: Final = {  # location, scenario: P_D of the paper for each false signal,
 
 def _protect(settings: StudySettings) -> Iterator[Row]:
     """Yield how often `protect` names each false signal of the scenarios, and how often a true one."""
-    runs = settings.count(20, 1)
+    runs = settings.count(10, 1)
     for stream, (location, scenario) in enumerate(list(_NAMED)[:1] if settings.quick else _NAMED):
         scene = f"ins-array-{scenario}" + ("-location-2" if location == "2" else "")
         for sat, share in count_named_by_array(scene, runs, settings.rng(stream)).items():

@@ -19,7 +19,7 @@ from skyproof.studies.protection.score import onset_s, score
 
 __all__ = ["judge_scenes"]
 
-_DRAWS, _QUICK_DRAWS = 5, 1
+_DRAWS, _QUICK_DRAWS = 4, 1
 
 
 def judge_scenes(settings: StudySettings, cells: Sequence[tuple[str, str]], longest_s: float = np.inf) -> Iterator[Row]:

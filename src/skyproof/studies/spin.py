@@ -191,7 +191,7 @@ _NAMED_AT: Final = (40, 50, 150, 300)
 
 def _protect(settings: StudySettings) -> Iterator[Row]:
     """Yield how often `protect` names both false signals of section 5 beside seven true ones, and a true one."""
-    runs = settings.count(100, 1)
+    runs = settings.count(40, 1)
     for n in _NAMED_AT:
         for sat, share in count_named_by_arm("spin", n, runs, settings.rng(n)).items():
             yield {"n": n, "sat": sat, "named_share": share, "runs": runs}

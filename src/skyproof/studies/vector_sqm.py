@@ -615,7 +615,7 @@ STUDIES: tuple[Study, ...] = (
         paper=PAPER,
         figure="Tables 2 and 3, Figure 13",
         note="The paper: P_D of one look of 1 ms at P_FA of 0.73 to 0.41 (table 1), PRN 2 alone and PRN 20, which is "
-        "true, beside three. Through protect: 30 s behind drawn correlators, five draws, 1e-3 false words an hour.",
+        "true, beside three. Through protect: 30 s behind drawn correlators, four draws, 1e-3 false words an hour.",
         run=_protect,
         claims=tuple(
             Claim(
