@@ -1,27 +1,28 @@
 """Test by two skies, whatever the noise over time, that one of them is not the one that comes from one antenna.
 
-A table of mean ranges, K satellites by R receivers, differs from that of one antenna by *baselines*, 3(R-1) dimensions
-(to 6 mm for false positions 500 m away, growing with the square). What no baseline explains is noise under every
-hypothesis. Two views say what that is:
+A table of mean ranges holds K satellites by R receivers. It differs from that of one antenna by *baselines*, 3(R-1)
+dimensions. (For false positions 500 m away that is true to 6 mm, growing with the square.) What no baseline explains is
+noise under every hypothesis. Two views show what that is:
 
 - *differences* between receivers, free of whatever a satellite has in common in all of them: (K-1)(R-1) contrasts of
   each table, (K-4)(R-1) of them noise;
 - *fixes*: each sky against position and clock in its own receiver: R(K-4) dimensions of noise of each table, twice as
   many with two receivers. Errors that receivers share (orbit, atmosphere, the transmitter's own) enlarge this noise and
-  nothing else, since the square along baselines is taken between receivers: too careful then, never too bold.
+  nothing else, since the square along baselines is taken between receivers. The test is then too careful.
 
-Where the table is from one antenna, the 3(R-1) dimensions of the other one's baselines hold noise and perhaps a
-baseline; so they may join the noise as well, and cost nothing just where the other way round is true. (They do where
-both mix two skies: so one test leaves them out.)
+Where the table is from one antenna, the other table's 3(R-1) dimensions along baselines hold noise, and perhaps a
+baseline. They join the noise, which costs nothing where the other way round is true. Where both tables mix two skies it
+does, so one test leaves them out. The statistic
 
     F = (square along baselines / 3(R-1)) / (squares of the noise / their dimensions)
 
-is exactly F if the one table has one antenna and the other no baseline, and smaller with one, provided that the means'
-errors are normal, independent and of sigmas in known proportion. Nothing is asked about time: correlated and constant
-errors cancel, of whatever size. That is what a test of means against the scatter over time cannot have. The p-value is
-the smallest of three, each divided by its share of the rate: Bonferroni's bound, so valid always. Of all invariant
-tests that hold whatever the noise and the baseline, none is more powerful than F with all dimensions, 3(R-1) and
-2R(K-4) + 3(R-1); what the division costs is the only loss.
+is exactly F if the one table has one antenna and the other no baseline, and smaller with one. The means' errors have to
+be normal, independent and of sigmas in known proportion. Nothing is asked about time: correlated and constant errors
+cancel, of whatever size. A test of means against the scatter over time cannot have that.
+
+The p-value is the smallest of three, each divided by its share of the rate (Bonferroni's bound). Of all invariant tests
+that hold whatever noise and baseline, none is more powerful than F with all dimensions, 3(R-1) and 2R(K-4) + 3(R-1).
+Only the division costs some of it.
 
 The model is that of N. Stenberg, E. Axell, J. Rantakokko, G. Hendeby, NAVIGATION 69(1), 2022, doi 10.33012/navi.510;
 deciding for groups is our own.
