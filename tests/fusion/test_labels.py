@@ -215,6 +215,16 @@ def test_what_fits_and_is_withheld_did_not_make_a_test_fail(invented, withheld, 
     assert list_stretches(labels, "G13a") == [("unknown", 0, 39)]
 
 
+def test_another_signal_of_an_authentic_transmission_may_have_made_a_test_fail(invented):
+    # The test took the false ones of two satellites that are received twice: directions show which are the sky's.
+    observed = [invented.observations((*ALL, "G13b", "G15b"))]
+    failed = [invented.evidence(w, "undecided", *ALL, detector="two", p_value=1e-30) for w in range(4)]
+    true = [invented.evidence(w, "authentic", *ALL[:3], "G13b", "G15b") for w in range(4)]
+    labels = label_signals([*true, *failed], observed)
+    assert list_stretches(labels, "G05a") == list_stretches(labels, "G13b") == [("authentic", 0, 39)]
+    assert list_stretches(labels, "G13a") == [("unknown", 0, 39)]
+
+
 def test_a_failed_overruling_test_leaves_its_signals_open(invented):
     broken = invented.evidence(2, "undecided", "G05a", "G07a", detector="two", overrules=True)
     evidence = [*(invented.evidence(window, "authentic", *ALL) for window in range(4)), broken]

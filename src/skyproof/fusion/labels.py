@@ -9,7 +9,8 @@ where one window contradicts itself the label is unknown.
 A window in which a test of the signal failed (its p-value is below its false-alarm probability, and it says
 "undecided") is not silent: true and false signals may be mixed in it. What was authentic before is open there, unless
 the window itself has evidence for nearly all of the signals that failed together, that they are authentic or that
-they are false. Not even that helps where the test overrules the others, unless false signals are named in the window.
+they are false. (Of two signals of one transmission one is not the sky's: where one is shown to be authentic, the other
+may have made the test fail.) Not even that helps where the test overrules the others, unless false signals are named in the window.
 A test that singles a signal out makes that one open, and no other.
 """
 
@@ -128,7 +129,11 @@ def _collect_votes(evidence: Sequence[Finding], o: ObservationLog) -> dict[Signa
             refs = {ref for ref in e.signals if ref.receiver == o.receiver}
             label: Label = e.says if e.says in ("authentic", "spoofed", "multipath") else "unknown"
             known = refs | false | set(e.withheld)  # what is withheld fits as well: it did not make a test fail
-            if label == "authentic" and any(len(known & f) < POLICY.nearly_all_share * len(f) for f in failed):
+            sent = {ref.signal.transmission for ref in refs}  # once: another signal of it is none of the sky's
+            if label == "authentic" and any(
+                sum(ref in known or ref.signal.transmission in sent for ref in f) < POLICY.nearly_all_share * len(f)
+                for f in failed
+            ):
                 label = "unknown"
             if e.says == "authentic":
                 refs -= overruled
