@@ -408,8 +408,8 @@ class Comparison(NamedTuple):
 def compare_pairings(larger: Pairing, smaller: Pairing) -> Comparison:
     """Test "it is `larger`, not `smaller`, that comes from one antenna", whatever the noise over time.
 
-    By all contrasts; where the orbits are known and the two share no signals also along baselines alone. The smaller of
-    both p-values, doubled, holds.
+    Along baselines, where the orbits are known and the two share no signals, else by all contrasts. These decide as
+    well where the larger one is not the larger: then it is not rejected by either.
     """
     ranges, others = larger.ranges, smaller.ranges
     sigma_m, other_sigma_m = ranges.mean_sigma_m, others.mean_sigma_m
@@ -419,7 +419,7 @@ def compare_pairings(larger: Pairing, smaller: Pairing) -> Comparison:
     p_value = float(test.p_value)
     if test.statistic > 1.0 and not larger.takes & smaller.takes:
         p_span = _test_span(larger, smaller)
-        p_value = p_value if p_span is None else min(1.0, 2.0 * min(p_value, p_span))
+        p_value = p_value if p_span is None else p_span
     return Comparison(p_value, float(test.log_likelihood_ratio))
 
 
