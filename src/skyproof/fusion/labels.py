@@ -8,10 +8,10 @@ where one window contradicts itself the label is unknown.
 
 A window in which a test of the signal failed (its p-value is below its false-alarm probability, and it says
 "undecided") is not silent: true and false signals may be mixed in it. What was authentic before is open there, unless
-the window itself has evidence for nearly all of the signals that failed together, that they are authentic or that
-they are false. (Of two signals of one transmission one is not the sky's: where one is shown to be authentic, the other
-may have made the test fail.) Not even that helps where the test overrules the others, unless false signals are named in the window.
-A test that singles a signal out makes that one open, and no other.
+the window itself has evidence for nearly all of the signals that failed together, that they are authentic or that they
+are false. (Of two signals of one transmission one is not the sky's: where one is shown to be authentic, the other may
+have made the test fail.) Not even that helps where the test overrules the others, unless false signals are named in the
+window. A test that singles a signal out makes that one open, and no other.
 """
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence

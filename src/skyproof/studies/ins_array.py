@@ -269,9 +269,11 @@ STUDIES = (
         title="False signals of the scenarios that `protect` names",
         paper=PAPER,
         figure="Tables 1 and 2",
-        note="The paper: P_D of one measurement at 1 %, antennas without errors. Through protect: 60 s, antennas 3 mm "
-        "off, the attitude 0.05 degrees, phases of 0.01 cycles of which a bound of 0.01 lasts, and some 1e-6 false "
-        "alarms a window.",
+        note="The paper: P_D of one measurement at 1 %, antennas without errors: at location 1 0.066 for G03, 2 "
+        "degrees off, and 0.977 for G32, 8 degrees off, in scenario 1, 0.244 for G32, 2 degrees off, in scenario "
+        "2, else 1. Through protect: ten runs of 60 s, antennas 3 mm off, the attitude 0.05 degrees, phases of "
+        "0.01 cycles of which a bound of 0.01 lasts, and some 2e-8 false alarms a signal and window. A test that "
+        "knows all else finds these three in 0, 0.04 and 0 of windows at that rate.",
         run=_protect,
         claims=(
             *(

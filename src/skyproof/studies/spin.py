@@ -388,8 +388,9 @@ STUDIES = (
         paper=PAPER,
         figure="Section 5, Figure 3",
         note="Signals 1 and 2 from (160, 55), true ones 12, 5 and 3 degrees from there and far away. The paper: P_D of "
-        "a pair of one direction at 1 %, where an authentic one differs by 5 degrees. Through protect: one window, "
-        "phases of 0.01 cycles of which a bound of 0.01 lasts, and some 1e-6 false alarms.",
+        "a pair of one direction at 1 %, where an authentic one differs by 5 degrees, 0.1143 at N = 50 and 0.9989 "
+        "at 300. Through protect: forty runs of one window, phases of 0.01 cycles of which a bound of 0.01 lasts, "
+        "and some 1e-6 false alarms.",
         run=_protect,
         claims=(
             *(
