@@ -453,7 +453,8 @@ STUDIES: tuple[Study, ...] = (
         paper=PAPER,
         figure="Figures 6, 8 and 14",
         note="The pull moves the place shown by 1 m/s; the paper detects it when it is 10 m off. Through protect: 90 s "
-        "from the pull on, behind drawn correlators of 5 Msps, four draws, 1e-3 false words an hour, a tactical unit.",
+        "from the pull on, behind drawn correlators of 5 Msps, four draws, 1e-3 false words an hour, a tactical unit. "
+        "*Not run*: there is no such word, or no such fix.",
         run=_protect,
         claims=tuple(
             Claim(
