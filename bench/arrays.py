@@ -5,7 +5,8 @@
     python bench/arrays.py --few 100                     one or two signals that move nothing: false, or by echoes only
     python bench/arrays.py --one 60                      two to four of one transmitter, or by echoes off walls only
 
-Each scene is one window of 10 s, judged by `ins_array`, `array_common` and `residual` and fused as `protect` does. A
+Each scene is one window of 10 s, judged by `ins_array`, `array_common`, `residual` and `second_signals`, and fused as
+`protect` does. A
 wrong word is a true signal called spoofed or a false one called authentic. A direction's error is that of the nearest
 of the directions given, which are more than one where whole cycles leave it open.
 """
@@ -25,6 +26,7 @@ from skyproof.detectors.array.array_model import predict_directions
 from skyproof.detectors.array.ins_array import InsArray, InsArraySettings, build_level_states
 from skyproof.detectors.array.policy import POLICY as ARRAY_POLICY
 from skyproof.detectors.residual import Residual, ResidualSettings
+from skyproof.detectors.second_signals.detector import SecondSignals, SecondSignalsSettings
 from skyproof.explain import explain, stands_beside
 from skyproof.fusion.fuse import fuse
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
@@ -312,6 +314,7 @@ def judged(scene: Drawn) -> tuple[list[Evidence], dict[Any, str], str]:
         InsArray(InsArraySettings(false_alarm_probability=ALPHA)),
         ArrayCommon(ArrayCommonSettings(false_alarm_probability=ALPHA)),
         Residual(ResidualSettings(false_alarm_probability=ALPHA)),
+        SecondSignals(SecondSignalsSettings(false_alarm_probability=ALPHA)),
     )
     evidence = [findings for detector in detectors for findings in detector.examine(scene.records)[0]]
     decision = fuse(evidence, scene.records.observations, scene.records.sets)
