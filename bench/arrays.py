@@ -6,8 +6,8 @@
     python bench/arrays.py --one 60                      two to four of one transmitter, or by echoes off walls only
 
 Each scene is one window of 10 s, judged by `ins_array`, `array_common`, `residual` and `second_signals`, and fused as
-`protect` does. A wrong word is a true signal called spoofed or a false one called authentic. A direction's error is that
-of the nearest of the directions given, which are more than one where whole cycles leave it open.
+`protect` does. A wrong word is a true signal called spoofed or a false one called authentic. A direction's error is
+that of the nearest of the directions given, which are more than one where whole cycles leave it open.
 """
 
 import argparse
