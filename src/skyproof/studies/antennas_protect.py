@@ -6,7 +6,7 @@ where the papers allow each test 1e-2.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -14,15 +14,14 @@ from skyproof.app.common.body import Body
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge
-from skyproof.app.receive.reception import Reception
 from skyproof.gnss.constants import L1_HZ
 from skyproof.receiver.observables import build_array_phases
 from skyproof.records import (
     AntennaArray,
+    ArrayPhases,
     Attitude,
     NavigationData,
     Observations,
-    Samples,
     SignalRef,
     SpinArm,
 )
@@ -30,6 +29,7 @@ from skyproof.simulator import scenes
 from skyproof.simulator.constellation import make_navigation
 from skyproof.simulator.measurements import NoiseModel, simulate_observations
 from skyproof.simulator.scenario import Scenario
+from skyproof.studies.multi_receiver_protect import build_reception
 
 __all__ = ["count_named_by_arm", "count_named_by_array"]
 
@@ -112,23 +112,15 @@ def _judge(
     navigation: NavigationData,
     *,
     window_s: float = 10.0,
-    array_phases: Any = None,
+    array_phases: ArrayPhases | None = None,
     body: Body | None = None,
     spin_arms: Sequence[SpinArm] = (),
 ) -> dict[str, bool]:
     """Judge one run; return of each false signal, and of the true ones together, whether it is called spoofed."""
-    reception = Reception(
-        source=Samples(
-            name=observed.receiver, rate_hz=1.0, n_samples=0, read=lambda start, count: np.empty((2, 0), np.float32)
-        ),
-        observations=observed,
-        decoded=NavigationData(ephemerides=()),
-        n_signals=len(observed.signals),
-        examined_s=float(observed.elapsed_s[-1]),
-        array_phases=array_phases,
-    )
     settings = Settings(window_s=window_s)
-    outcome, _ = judge([reception], navigation, settings, Silent(), spin_arms=spin_arms, body=body)
+    outcome, _ = judge(
+        [build_reception(observed, array_phases)], navigation, settings, Silent(), spin_arms=spin_arms, body=body
+    )
     said = {item.ref for item in outcome.decision.labels if item.label == "spoofed"}
     named = {
         ref.signal.sat: ref in said

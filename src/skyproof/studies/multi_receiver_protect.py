@@ -17,7 +17,7 @@ from skyproof.app.receive.reception import Reception
 from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
-from skyproof.records import NavigationData, Observations, Samples
+from skyproof.records import ArrayPhases, NavigationData, Observations, Samples
 from skyproof.simulator.attacks import Meaconer
 from skyproof.simulator.measurements import NoiseModel, simulate_observations
 from skyproof.simulator.scenario import Scenario, ScenePlace, SceneReceiver, Sky
@@ -32,7 +32,7 @@ from skyproof.studies.multi_receiver_scene import (
     skies,
 )
 
-__all__ = ["Judged", "judge_sky"]
+__all__ = ["Judged", "build_reception", "judge_sky"]
 
 _CN0_DBHZ = 45.0
 _CLOCKS_S = (1.9e-4, -2.7e-4, 4.2e-4, -1.1e-4)
@@ -74,7 +74,7 @@ def judge_sky(
     )
     observed, truth = simulate_observations(scenario, navigation, rng=rng, noise=errors)
     places: dict[str, Any] = {"antennas_enu_m": {name: tuple(PLACES[name]) for name in names}} if places_given else {}
-    outcome, _ = judge([_reception(item) for item in observed], navigation, Settings(**places), Silent())
+    outcome, _ = judge([build_reception(item) for item in observed], navigation, Settings(**places), Silent())
     last = {item.receiver: item.gpst.size - 1 for item in observed}
     counts = dict.fromkeys(("authentic", "spoofed"), 0)
     for item in outcome.decision.labels:
@@ -122,8 +122,8 @@ def _place(enu_m: Reals) -> dict[str, Any]:
     }
 
 
-def _reception(observed: Observations) -> Reception:
-    """Build the reception of a receiver that measured it; there are no samples."""
+def build_reception(observed: Observations, array_phases: ArrayPhases | None = None) -> Reception:
+    """Build the reception of a receiver that measured it, and on its antennas; there are no samples."""
     source = Samples(
         name=observed.receiver, rate_hz=1.0, n_samples=0, read=lambda start, count: np.empty((2, 0), np.float32)
     )
@@ -133,4 +133,5 @@ def _reception(observed: Observations) -> Reception:
         decoded=NavigationData(ephemerides=()),
         n_signals=len(observed.signals),
         examined_s=float(observed.elapsed_s[-1]),
+        array_phases=array_phases,
     )
