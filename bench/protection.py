@@ -1,10 +1,12 @@
 """The main job on a simulated pair: seconds, real-time factor, peak memory, and in which room the time goes; and of
 one and three that stand, at other rates.
 
-Each run is a process of its own, so that its peak memory is its own: `python protection.py FOLDER` is one such run.
+Each run is a process of its own, so that its peak memory is its own: `python protection.py FOLDER` is one such run. Its
+modules are kept as bytecode, as those of an installed program are.
 """
 
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -34,6 +36,8 @@ SAMPLE_S = 0.005
 MORE = ((1, 4e6, 30.0), (3, 4e6, 30.0), (1, 5e6, 30.0), (1, 25e6, 20.0))  # receivers, samples a second, seconds
 NORTH_DEG = 3e-4  # 33 m
 PACKAGE = Path(skyproof.__file__).parent
+BYTECODE = tempfile.TemporaryDirectory()
+"""Which the first run of three fills."""
 
 
 def report() -> Iterator[str]:
@@ -124,8 +128,14 @@ def _listed(shares: Counter[str]) -> str:
 
 
 def _run_of_its_own(folder: str) -> dict:  # type: ignore[type-arg]
+    environment = os.environ | {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": BYTECODE.name}
     done = subprocess.run(
-        [sys.executable, __file__, folder], check=True, capture_output=True, text=True, cwd=Path(__file__).parent
+        [sys.executable, __file__, folder],
+        check=True,
+        capture_output=True,
+        text=True,
+        cwd=Path(__file__).parent,
+        env=environment,
     )
     return json.loads(done.stdout)  # type: ignore[no-any-return]
 

@@ -267,10 +267,11 @@ def test_a_table_in_parquet_needs_no_pandas(tmp_path):
     script = (
         "import sys, numpy as np; from skyproof.formats.tables import Words, open_growing_tables\n"
         f"with open_growing_tables([{str(tmp_path / 'table.parquet')!r}]) as take:\n"
-        "    words = Words(np.array([0, 1]), ['a', 'b'])\n"
-        "    take({'real': np.array([1.0, np.nan]), 'text': np.array(['x', None], object), 'words': words})\n"
-        "assert 'pandas' not in sys.modules"
+        "    words = Words(np.array([2, 0]), ['a', 'bc', 'é'])\n"
+        "    texts = np.array(['x', None], object)\n"
+        "    take({'real': np.array([1.0, np.nan]), 'text': texts, 'words': words, 'open': np.array([False, True])})\n"
+        "assert not {'pandas', 'pyarrow.compute'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", script], check=True)
     table = pq.read_table(tmp_path / "table.parquet").to_pydict()
-    assert table == {"real": [1.0, None], "text": ["x", None], "words": ["a", "b"]}
+    assert table == {"real": [1.0, None], "text": ["x", None], "words": ["é", "a"], "open": [False, True]}

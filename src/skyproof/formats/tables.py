@@ -196,28 +196,36 @@ def _fix_columns(kind: str, fix: Fix) -> dict[str, NDArray[Any]]:
 
 
 def _convert_to_arrow(column: Column) -> Any:
-    """Convert a column from its bytes: `pyarrow.array` imports pandas first where that is installed."""
+    """Convert a column from its bytes: `pyarrow.array` and `take` import packages first that nothing else needs."""
     if isinstance(column, Words):
-        return _convert_texts(list(column.words)).take(_convert_to_arrow(column.codes))
+        return _convert_texts(column.words, column.codes)
     column = np.asarray(column)
     if column.dtype.kind == "M":
         column = column.astype("datetime64[ns]")
-    elif column.dtype.kind not in "iuf":
+    if column.dtype.kind == "b":
+        return _build_array(pa.bool_(), np.zeros(column.size, np.bool_), np.packbits(column, bitorder="little"))
+    if column.dtype.kind not in "Miuf":
         texts = column.tolist()
         return pa.array(column, from_pandas=True) if {type(t) for t in texts} - _TEXT_TYPES else _convert_texts(texts)
     missing = np.isnat(column) if column.dtype.kind == "M" else np.isnan(column)
     return _build_array(pa.from_numpy_dtype(column.dtype), missing, column)
 
 
-def _convert_texts(texts: Sequence[str | None]) -> Any:
+def _convert_texts(texts: Sequence[str | None], codes: Integers | None = None) -> Any:
+    """Convert texts, or of each of `codes` (n,) the text that it counts to."""
     words = [b"" if text is None else text.encode() for text in texts]
-    ends = np.cumsum([0, *map(len, words)], dtype=np.int32)
-    return _build_array(pa.string(), np.array([text is None for text in texts], np.bool_), ends, b"".join(words))
+    missing = np.array([text is None for text in texts], np.bool_)
+    sizes, letters = np.array([*map(len, words)], np.int64), np.frombuffer(b"".join(words), np.uint8)
+    if codes is not None:
+        first = (np.cumsum(sizes) - sizes)[codes]
+        sizes, missing = sizes[codes], missing[codes]
+        letters = letters[np.arange(sizes.sum()) + np.repeat(first - np.cumsum(sizes) + sizes, sizes)]
+    return _build_array(pa.string(), missing, np.cumsum(np.append(0, sizes), dtype=np.int32), letters)
 
 
-def _build_array(kind: Any, missing: NDArray[np.bool_], *buffers: NDArray[Any] | bytes) -> Any:
+def _build_array(kind: Any, missing: NDArray[np.bool_], *buffers: NDArray[Any]) -> Any:
     known = pa.py_buffer(np.packbits(~missing, bitorder="little")) if missing.any() else None
-    held = [pa.py_buffer(b if isinstance(b, bytes) else np.ascontiguousarray(b)) for b in buffers]
+    held = [pa.py_buffer(np.ascontiguousarray(buffer)) for buffer in buffers]
     return pa.Array.from_buffers(kind, missing.size, [known, *held])
 
 

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 import pytest
 from tests.app import kit
 
-from skyproof.app.protect import protect
+from skyproof.app.protect import preview, protect
 from skyproof.app.protect.preview import Preview
 from skyproof.app.protect.so_far import NOTES
 
@@ -33,6 +33,13 @@ def recordings(tmp_path_factory):
     return kit.record(kit.make_scenario(receivers=1, duration_s=20.0), tmp_path_factory.mktemp("preview"))
 
 
+@pytest.fixture
+def slow(monkeypatch):
+    """Let every run count as one that will still track for long."""
+    monkeypatch.setattr(preview, "_SOON_S", 0.0)
+
+
+@pytest.mark.usefixtures("slow")
 def test_the_first_word_comes_before_all_is_tracked(recordings, tmp_path):
     listener = Listener()
     result = protect(recordings.paths, nav=recordings.nav, window_s=5.0, out=tmp_path / "out", progress=listener)
@@ -44,9 +51,21 @@ def test_the_first_word_comes_before_all_is_tracked(recordings, tmp_path):
     assert not [path for name in NOTES for path in (tmp_path / "out").rglob(name)]
 
 
+def test_a_run_that_ends_soon_is_examined_once(recordings, monkeypatch):
+    monkeypatch.setattr(preview, "_SOON_S", 1e3)
+    listener = Listener()
+    protect(recordings.paths, nav=recordings.nav, window_s=5.0, progress=listener)
+    examining = next(n for n, text in enumerate(listener.heard) if text.startswith("examining"))
+    assert not [text for text in listener.heard[:examining] if text.startswith("up to ")]
+
+
+@pytest.mark.usefixtures("slow")
 def test_a_look_that_fails_costs_no_run(recordings, monkeypatch):
     def fail(*_):
+        looks.append(True)
         raise ValueError("too little yet")
 
+    looks = []
     monkeypatch.setattr(Preview, "_examine", fail)
     assert protect(recordings.paths, nav=recordings.nav, window_s=5.0).verdict.verdict == "no_attack_seen"
+    assert looks

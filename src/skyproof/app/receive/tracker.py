@@ -1,6 +1,7 @@
 """Recordings tracked side by side, block by block: every signal in them, and all that it sends."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -33,6 +34,7 @@ __all__ = ["Tracker", "build_receiver_settings", "carrier_at_hz", "clean_antenna
 
 BLOCK_S, BLOCK_SAMPLES = 0.5, 2_500_000
 """At most, of one antenna: larger blocks leave the processor's cache, and their memory is cleared each time."""
+_READER = ThreadPoolExecutor(1, "reader")
 
 
 @dataclass(kw_only=True)
@@ -43,7 +45,7 @@ class Tracker:
     broken : why the recording could be read no further, if it could not: all that came before counts.
     given : the recording by its description, if its codes and carriers agree at another rate or carrier only; `samples`
         are read so then, and `remarks` ends with it. checks : how often that is looked at yet.
-    vector : of vector tracking.
+    vector : of vector tracking. ahead : the next block, which is read while this one is worked on.
     """
 
     samples: Samples
@@ -60,25 +62,37 @@ class Tracker:
     arcs: dict[int, Arc] = field(default_factory=dict)
     gaps: list[Gap] = field(default_factory=list)
     inspection: Inspection | None = None
+    ahead: Future[Floats] | None = None
 
     def advance(self) -> bool:
         """Process the next block; False when the recording has ended, or can be read no further."""
-        count = min(int(BLOCK_S * self.samples.rate_hz), BLOCK_SAMPLES, self.samples.n_samples - self.position)
-        if count <= 0 or self.broken:
+        reading = self.ahead or self._begin_to_read(self.position)
+        if reading is None or self.broken:
             return False
         try:
-            planes = self.samples.read_all(self.position, count)
+            planes = reading.result()
         except InputError as error:
             self.broken = str(error)
             only = f"only its first {self.examined_s:.1f} s were processed: {error}"
             self.remarks = (*self.remarks, Remark(only, RemarkKind.CUT))
             return False
+        following = self.position + self._count_block(self.position)
+        # No restart may come while something is read.
+        self.ahead = None if self.checks else self._begin_to_read(following)
         for part in self._cut_block(planes):
             self._step(part)
-        self.position += count
+        self.position = following
         if self.checks and (self.examined_s >= POLICY.checked_s or self.ended):
             self._check_clock()
         return True
+
+    def _begin_to_read(self, position: int) -> Future[Floats] | None:
+        """Begin to read the block from a sample on, beside whatever else is done; None at the end."""
+        count = self._count_block(position)
+        return _READER.submit(self.samples.read_all, position, count) if count > 0 else None
+
+    def _count_block(self, position: int) -> int:
+        return min(int(BLOCK_S * self.samples.rate_hz), BLOCK_SAMPLES, self.samples.n_samples - position)
 
     def _cut_block(self, planes: Floats) -> Iterator[Floats]:
         """Yield a block, cut where a row of measurements is complete if that guides the loops."""

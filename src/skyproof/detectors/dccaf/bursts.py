@@ -41,8 +41,8 @@ __all__ = [
     "whiten_taps",
 ]
 
-_POINTS = 512
-"""Of a code's correlation, a chip."""
+_POINTS = 128
+"""Of a code's correlation, a chip: cubics between them are right to 2e-8 in 8 MHz of band, and to 1e-7 in 20 MHz."""
 _STEP_CHIPS = 0.01
 _CODE_NULLS = 1e-7
 _LAST_STEP_CHIPS = 2e-4
@@ -79,12 +79,12 @@ def build_shapes(
     taps = np.array(taps_chips)
     count = round(window_chips / _STEP_CHIPS)
     grid = np.arange(-count, count + 1.0) * _STEP_CHIPS
-    table, slopes = _period(signal, prn, band_hz)
-    values, vectors = np.linalg.eigh(_read(table, taps[:, None] - taps))
+    correlation, _ = _correlate_code(signal, prn, band_hz, taps[:, None] - taps)
+    values, vectors = np.linalg.eigh(correlation)
     kept = values > _CODE_NULLS * values[-1]
     whiten = (vectors[:, kept] / np.sqrt(values[kept])).T
-    lag = taps[:, None] - grid
-    value, slope = (whiten @ _read(table, lag)).T.copy(), -(whiten @ _read(slopes, lag)).T
+    seen, rising = _correlate_code(signal, prn, band_hz, taps[:, None] - grid)
+    value, slope = (whiten @ seen).T.copy(), -(whiten @ rising).T
     return Shapes(
         whiten=whiten,
         grid=grid,
@@ -113,10 +113,10 @@ def interpolate_taps(taps: Complexes, own: Shapes, read: Reals) -> Complexes:
 
 def autocorrelate_code(signal: SignalPlan, prn: int, lag_chips: ArrayLike, band_hz: float) -> Reals:
     """Correlate a signal's code `prn` with itself in a band at lags (...), side lobes included."""
-    return _read(_period(signal, prn, band_hz)[0], np.asarray(lag_chips, np.float64))
+    return _correlate_code(signal, prn, band_hz, np.asarray(lag_chips, np.float64))[0]
 
 
-@lru_cache(maxsize=2)  # 8 MB each, and `build_shapes` of a satellite are made once
+@lru_cache(maxsize=2)  # 2 MB each, and `build_shapes` of a satellite are made once
 def _period(signal: SignalPlan, prn: int, band_hz: float) -> tuple[Reals, Reals]:
     """Compute the whole autocorrelation and its derivative per chip, at `_POINTS` a chip."""
     code = signal.code(prn).astype(np.float64)
@@ -129,11 +129,16 @@ def _period(signal: SignalPlan, prn: int, band_hz: float) -> tuple[Reals, Reals]
     return whole / whole[0], slope / whole[0]
 
 
-def _read(table: Reals, lag_chips: Reals) -> Reals:
+def _correlate_code(signal: SignalPlan, prn: int, band_hz: float, lag_chips: Reals) -> tuple[Reals, Reals]:
+    """Correlate a code with itself in a band at lags (...), and its slope per chip, by cubic Hermite polynomials."""
+    value, slope = _period(signal, prn, band_hz)
     at = lag_chips * _POINTS
     whole = np.floor(at).astype(np.int64)
-    share = at - whole
-    return np.asarray(table[whole % table.size] * (1.0 - share) + table[(whole + 1) % table.size] * share)
+    u, first, last = at - whole, whole % value.size, (whole + 1) % value.size
+    rise, d0, d1 = value[last] - value[first], slope[first] / _POINTS, slope[last] / _POINTS
+    read = value[first] + u * (d0 + u * (3.0 * rise - 2.0 * d0 - d1 + u * (d0 + d1 - 2.0 * rise)))
+    rising = d0 + u * (2.0 * (3.0 * rise - 2.0 * d0 - d1) + 3.0 * u * (d0 + d1 - 2.0 * rise))
+    return read, rising * _POINTS
 
 
 def _path(value: Reals, slope: Reals) -> float:

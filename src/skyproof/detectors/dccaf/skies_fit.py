@@ -102,13 +102,15 @@ class _Data(NamedTuple):
         return np.asarray(np.einsum("ij,...kj->...ik", self.design, state_m) + self.zero_chips[:, None])
 
     def project(self, matrices: Reals) -> Reals:
-        """Sum matrices of both delays (n, 2, 2) to one of both states (8, 8)."""
-        return np.asarray(np.einsum("ni,nab,nj->aibj", self.design, matrices, self.design).reshape(8, 8))
+        """Sum matrices of both delays (..., n, 2, 2) to one of both states (..., 8, 8)."""
+        summed = np.einsum("ni,...nab,nj->...aibj", self.design, matrices, self.design)
+        return np.asarray(summed.reshape(*summed.shape[:-4], 8, 8))
 
 
 class _Local(NamedTuple):
-    """What delays explain, (n,), its slopes (n, 2), the variance of those (n, 2, 2), the information on both delays (n,
-    2, 2), and the signals' energies (n, 2). The variance has what noise adds to amplitudes; the information has not."""
+    """What delays explain, (..., n), its slopes (..., n, 2), the variance of those (..., n, 2, 2), the information on
+    both delays (..., n, 2, 2), and the signals' energies (..., n, 2). The variance has what noise adds to amplitudes;
+    the information has not."""
 
     explained: Reals
     slope: Reals
@@ -390,8 +392,7 @@ def _search(data: _Data, signals: Sequence[Decomposed]) -> list[_Top]:
     if not every.size:
         return []
     every = every[np.argsort(-_sum_explained(data, every), kind="stable")]
-    tops = [_climb(data, start.reshape(2, 4)) for start in _select_unlike(data, every)]
-    return [top for top in tops if top is not None]
+    return _climb(data, np.stack(_select_unlike(data, every)).reshape(-1, 2, 4))
 
 
 def _select_unlike(data: _Data, states_m: Reals) -> list[Reals]:
@@ -406,28 +407,35 @@ def _select_unlike(data: _Data, states_m: Reals) -> list[Reals]:
     return selected
 
 
-def _climb(data: _Data, state_m: Reals) -> _Top | None:
-    """Climb to the top near these states, by damped Gauss-Newton steps; None of one that leaves a direction open."""
-    local, damping = _look(data, data.compute_delays(state_m)), 1e-3
-    top = float(local.explained.sum())
+def _climb(data: _Data, starts_m: Reals) -> list[_Top]:
+    """Climb to the tops near pairs of states (m, 2, 4), by damped Gauss-Newton steps of all at once.
+
+    Tops that leave a direction open are left out.
+    """
+    states_m, damping, climbing = starts_m.copy(), np.full(len(starts_m), 1e-3), np.arange(len(starts_m))
+    local = _look(data, data.compute_delays(states_m))
     for _ in range(_STEPS):
-        slope, whole = (data.design.T @ local.slope).T.ravel(), data.project(local.information)
-        scale = np.diag(np.maximum(np.diag(whole), 1e-12))
-        step_m = np.linalg.solve(whole + damping * scale, slope).reshape(2, 4)
-        after = _look(data, data.compute_delays(state_m + step_m))
-        if after.explained.sum() > top:
-            state_m, local, top = state_m + step_m, after, float(after.explained.sum())
-            damping = max(0.2 * damping, 1e-6)
-            if np.abs(step_m).max() < _SMALL_M:
-                break
-        else:
-            damping *= 6.0
-            if damping > 1e6:
-                break
+        slope = np.einsum("ni,mna->mai", data.design, local.slope[climbing]).reshape(-1, 8, 1)
+        whole = data.project(local.information[climbing])
+        scale = damping[climbing, None] * np.maximum(np.diagonal(whole, axis1=1, axis2=2), 1e-12)
+        steps_m = np.linalg.solve(whole + scale[:, None] * np.eye(8), slope).reshape(-1, 2, 4)
+        after = _look(data, data.compute_delays(states_m[climbing] + steps_m))
+        higher = after.explained.sum(axis=1) > local.explained[climbing].sum(axis=1)
+        states_m[climbing[higher]] += steps_m[higher]
+        for before, now in zip(local, after, strict=True):
+            before[climbing[higher]] = now[higher]
+        damping[climbing] = np.where(higher, np.maximum(0.2 * damping[climbing], 1e-6), 6.0 * damping[climbing])
+        arrived = np.where(higher, np.abs(steps_m).max(axis=(1, 2)) < _SMALL_M, damping[climbing] > 1e6)
+        climbing = climbing[~arrived]
+        if not climbing.size:
+            break
     whole = data.project(local.information)
-    if np.linalg.cond(whole) > POLICY.most_condition**2:
-        return None
-    return _Top(state_m.ravel(), top, np.asarray(np.linalg.inv(whole)))
+    closed = np.flatnonzero(np.linalg.cond(whole) <= POLICY.most_condition**2)
+    covariances_m2 = np.linalg.inv(whole[closed])
+    return [
+        _Top(states_m[row].ravel(), float(local.explained[row].sum()), covariance_m2)
+        for row, covariance_m2 in zip(closed.tolist(), covariances_m2, strict=True)
+    ]
 
 
 def _sum_explained(data: _Data, states_m: Reals) -> Reals:
@@ -438,62 +446,64 @@ def _sum_explained(data: _Data, states_m: Reals) -> Reals:
 
 
 def _look(data: _Data, delays_chips: Reals) -> _Local:
-    """Compute what delays (n, 2) explain, and how that changes."""
-    n = len(delays_chips)
-    found = _Local(np.empty(n), np.empty((n, 2)), np.empty((n, 2, 2)), np.empty((n, 2, 2)), np.empty((n, 2)))
-    _explain(*data[:6], np.ascontiguousarray(delays_chips), *found)
-    return found
+    """Compute what delays (..., n, 2) explain, and how that changes."""
+    each = np.ascontiguousarray(delays_chips).reshape(-1, *delays_chips.shape[-2:])
+    shape = each.shape[:2]
+    found = (np.empty(shape), np.empty((*shape, 2)), *np.empty((2, *shape, 2, 2)), np.empty((*shape, 2)))
+    _explain(*data[:6], each, *found)
+    return _Local(*(field.reshape(*delays_chips.shape[:-2], *field.shape[1:]) for field in found))
 
 
 @compiled
 def _explain(white, first, step, value, slope, ridge, delays, explained, slopes, variance, information, energy):  # type: ignore[no-untyped-def]
-    """Fill a `_Local`; a signal outside the tables contributes nothing."""
+    """Fill a `_Local` of delays (m, n, 2); a signal outside the tables contributes nothing."""
     n, intervals, size = white.shape
     v, s, rest = np.empty((2, size)), np.empty((2, size)), np.empty(size, np.complex128)
     last = first + step * (value.shape[1] - 1)
-    for i in range(n):
-        for a in range(2):
-            v[a] = 0.0
-            s[a] = 0.0
-            if first <= delays[i, a] <= last:
-                table_at(delays[i, a], first, step, value[i], slope[i], v[a], s[a])
-        g11, g22, g12 = np.sum(v[0] ** 2) + ridge[i], np.sum(v[1] ** 2) + ridge[i], np.sum(v[0] * v[1])
-        det = g11 * g22 - g12 * g12
-        h11, h22, h12 = g22 / det, g11 / det, -g12 / det
-        e11, e22, e12 = 0.0, 0.0, 0.0
-        explained[i] = 0.0
-        slopes[i] = 0.0
-        for k in range(intervals):
-            b1, b2 = 0.0j, 0.0j
-            for d in range(size):
-                b1 += v[0, d] * white[i, k, d]
-                b2 += v[1, d] * white[i, k, d]
-            a1, a2 = h11 * b1 + h12 * b2, h12 * b1 + h22 * b2
-            explained[i] += (np.conj(b1) * a1 + np.conj(b2) * a2).real
-            e11 += abs(a1) ** 2
-            e22 += abs(a2) ** 2
-            e12 += (np.conj(a1) * a2).real
-            for d in range(size):
-                rest[d] = white[i, k, d] - v[0, d] * a1 - v[1, d] * a2
-            t1, t2 = 0.0j, 0.0j
-            for d in range(size):
-                t1 += s[0, d] * rest[d]
-                t2 += s[1, d] * rest[d]
-            slopes[i, 0] += 2.0 * (np.conj(a1) * t1).real
-            slopes[i, 1] += 2.0 * (np.conj(a2) * t2).real
-        p11, p12 = np.sum(v[0] * s[0]), np.sum(v[1] * s[0])
-        p21, p22 = np.sum(v[0] * s[1]), np.sum(v[1] * s[1])
-        n11 = np.sum(s[0] ** 2) - (p11 * p11 * h11 + 2.0 * p11 * p12 * h12 + p12 * p12 * h22)
-        n22 = np.sum(s[1] ** 2) - (p21 * p21 * h11 + 2.0 * p21 * p22 * h12 + p22 * p22 * h22)
-        n12 = np.sum(s[0] * s[1]) - (p11 * p21 * h11 + (p11 * p22 + p12 * p21) * h12 + p12 * p22 * h22)
-        variance[i, 0, 0], variance[i, 1, 1] = 2.0 * e11 * n11, 2.0 * e22 * n22
-        variance[i, 0, 1] = variance[i, 1, 0] = 2.0 * e12 * n12
-        e11, e22 = max(e11 - intervals * h11, 0.0), max(e22 - intervals * h22, 0.0)
-        bound = np.sqrt(e11 * e22)
-        e12 = min(max(e12 - intervals * h12, -bound), bound)
-        energy[i, 0], energy[i, 1] = e11 / intervals, e22 / intervals
-        information[i, 0, 0], information[i, 1, 1] = 2.0 * e11 * n11, 2.0 * e22 * n22
-        information[i, 0, 1] = information[i, 1, 0] = 2.0 * e12 * n12
+    for p in range(delays.shape[0]):
+        for i in range(n):
+            for a in range(2):
+                v[a] = 0.0
+                s[a] = 0.0
+                if first <= delays[p, i, a] <= last:
+                    table_at(delays[p, i, a], first, step, value[i], slope[i], v[a], s[a])
+            g11, g22, g12 = np.sum(v[0] ** 2) + ridge[i], np.sum(v[1] ** 2) + ridge[i], np.sum(v[0] * v[1])
+            det = g11 * g22 - g12 * g12
+            h11, h22, h12 = g22 / det, g11 / det, -g12 / det
+            e11, e22, e12 = 0.0, 0.0, 0.0
+            explained[p, i] = 0.0
+            slopes[p, i] = 0.0
+            for k in range(intervals):
+                b1, b2 = 0.0j, 0.0j
+                for d in range(size):
+                    b1 += v[0, d] * white[i, k, d]
+                    b2 += v[1, d] * white[i, k, d]
+                a1, a2 = h11 * b1 + h12 * b2, h12 * b1 + h22 * b2
+                explained[p, i] += (np.conj(b1) * a1 + np.conj(b2) * a2).real
+                e11 += abs(a1) ** 2
+                e22 += abs(a2) ** 2
+                e12 += (np.conj(a1) * a2).real
+                for d in range(size):
+                    rest[d] = white[i, k, d] - v[0, d] * a1 - v[1, d] * a2
+                t1, t2 = 0.0j, 0.0j
+                for d in range(size):
+                    t1 += s[0, d] * rest[d]
+                    t2 += s[1, d] * rest[d]
+                slopes[p, i, 0] += 2.0 * (np.conj(a1) * t1).real
+                slopes[p, i, 1] += 2.0 * (np.conj(a2) * t2).real
+            p11, p12 = np.sum(v[0] * s[0]), np.sum(v[1] * s[0])
+            p21, p22 = np.sum(v[0] * s[1]), np.sum(v[1] * s[1])
+            n11 = np.sum(s[0] ** 2) - (p11 * p11 * h11 + 2.0 * p11 * p12 * h12 + p12 * p12 * h22)
+            n22 = np.sum(s[1] ** 2) - (p21 * p21 * h11 + 2.0 * p21 * p22 * h12 + p22 * p22 * h22)
+            n12 = np.sum(s[0] * s[1]) - (p11 * p21 * h11 + (p11 * p22 + p12 * p21) * h12 + p12 * p22 * h22)
+            variance[p, i, 0, 0], variance[p, i, 1, 1] = 2.0 * e11 * n11, 2.0 * e22 * n22
+            variance[p, i, 0, 1] = variance[p, i, 1, 0] = 2.0 * e12 * n12
+            e11, e22 = max(e11 - intervals * h11, 0.0), max(e22 - intervals * h22, 0.0)
+            bound = np.sqrt(e11 * e22)
+            e12 = min(max(e12 - intervals * h12, -bound), bound)
+            energy[p, i, 0], energy[p, i, 1] = e11 / intervals, e22 / intervals
+            information[p, i, 0, 0], information[p, i, 1, 1] = 2.0 * e11 * n11, 2.0 * e22 * n22
+            information[p, i, 0, 1] = information[p, i, 1, 0] = 2.0 * e12 * n12
 
 
 @compiled
