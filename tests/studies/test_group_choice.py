@@ -111,6 +111,29 @@ def test_its_power_is_that_of_the_noncentral_law_over_all_noise():
     assert np.mean(span_test(sky, false, UNITS).p_value < 1e-3) > 0.9 * reported
 
 
+@pytest.mark.parametrize("stated_m", [0.25 * BASELINE, -10.0 * BASELINE])
+@pytest.mark.parametrize("baseline_m", [0.0, 0.25 * BASELINE, BASELINE])
+def test_no_statement_of_places_rejects_one_antenna_more_often(stated_m, baseline_m):
+    tables = draw_tables(np.random.default_rng(35), 40_000, baseline_m, shared_m=0.0)
+    test = span_test(*tables, UNITS, stated_enu_m=stated_m)
+    for p_value in test:
+        assert np.mean(p_value < 0.01) < 0.0115
+        assert np.mean(p_value < 0.001) < 0.00148
+    if np.ndim(baseline_m) == 0:
+        assert np.mean(test.fixes < 0.01) > 0.006  # of two tests that overlap by half
+
+
+def test_the_sky_is_seen_better_where_places_are_stated_and_hardly_worse_where_these_are_wrong():
+    baseline, sigma_m = 0.25 * BASELINE, 0.9
+    false, sky = draw_tables(np.random.default_rng(36), 20_000, baseline, sigma_m)
+
+    def missed(stated_m):
+        return np.mean(span_test(sky, false, UNITS, stated_enu_m=stated_m).p_value >= 1e-3)
+
+    assert missed(baseline) < 0.3 * missed(None)
+    assert 1.0 - missed(-baseline) > 0.8 * (1.0 - missed(None))
+
+
 def test_the_sky_is_seen_at_a_fraction_of_the_averages_noise():
     false, sky = draw_tables(np.random.default_rng(2), 2000, BASELINE, 0.37)
     assert np.mean(span_test(sky, false, UNITS).p_value < 1e-3) > 0.999

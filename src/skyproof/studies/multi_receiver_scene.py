@@ -278,7 +278,9 @@ def mean_variance_m2(noise: Noise, window_s: int) -> float:
     return float(noise.sigma_m**2 * correlated / window_s + noise.constant_m**2)
 
 
-def bound_decided(receivers: tuple[str, ...], window_s: int, variance_m2: float, rate: float, *, known: bool) -> Bound:
+def bound_decided(
+    receivers: tuple[str, ...], window_s: int, variance_m2: float, rate: float, *, known: bool, one_true: bool = True
+) -> Bound:
     """Bound what any test of the windows' means can decide at this rate of errors.
 
     With the baseline known or not; mean over the geometries.
@@ -293,7 +295,7 @@ def bound_decided(receivers: tuple[str, ...], window_s: int, variance_m2: float,
     along = 3 * (len(receivers) - 1)
     noise = 2 * len(receivers) * (SATS - 4) + along
     if known:
-        mean, dof = np.sqrt(2.0 * squares), noise + along - 1
+        mean, dof = np.sqrt(squares * (2.0 if one_true else 1.0)), noise + along - 1
         power = special.ndtr(mean - special.ndtri(1.0 - rate))
         unknown = 1.0 - special.nctdtr(dof, mean, special.stdtrit(dof, 1.0 - rate))
     else:

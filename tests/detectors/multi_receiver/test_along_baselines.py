@@ -36,6 +36,23 @@ def test_the_sky_over_antennas_5_m_apart_is_no_false_one(seed):
     assert true.statistic > true.threshold
 
 
+def test_stated_places_decide_what_the_noise_hides_and_wrong_ones_call_nothing_true():
+    errors = TrackErrors(1.0, 0.9, 0.0)
+    scene = MeasuredScene(antennas_enu_m=NEAR, false=(ELSEWHERE,), epochs=30, errors=errors, max_satellites=8)
+    windows = [scene.records(np.random.default_rng(seed)) for seed in range(4)]
+
+    def said(places_enu_m):
+        settings = MultiReceiverSettings(false_alarm_probability=1e-5, antennas_enu_m=places_enu_m)
+        for records in windows:
+            found = MultiReceiver(settings).examine(records)[0]
+            yield {e.says: {ref.signal.copy for ref in e.signals} for e in found if e.says in ("spoofed", "authentic")}
+
+    decided = {"spoofed": {"b"}, "authentic": {"a"}}
+    assert sum(words == decided for words in said(None)) < 4
+    assert all(words == decided for words in said(NEAR))
+    assert all("authentic" not in words for words in said({"rx1": (4.0, 3.0, 0.0), "rx2": (0.0, 0.0, 0.0)}))
+
+
 @pytest.mark.parametrize(
     ("errors", "satellites"),
     [(TrackErrors(1.0, 0.95, 0.0), 6), (TrackErrors(0.3, 0.0, 2.0), 9), (TrackErrors(2.0, 0.5, 0.5), 12)],

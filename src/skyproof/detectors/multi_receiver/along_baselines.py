@@ -24,6 +24,10 @@ The p-value is the smallest of three, each divided by its share of the rate (Bon
 that hold whatever noise and baseline, none is more powerful than F with all dimensions, 3(R-1) and 2R(K-4) + 3(R-1).
 Only the division costs some of it.
 
+Where it is stated how the antennas stand, the sky's table lies ahead in one known direction of these 3(R-1), and half
+of the rate goes to Student's t of the part of the one table that points there. What the statement says bears on the
+power alone: a table of one antenna points nowhere, and exceeds the threshold as rarely if the statement is wrong.
+
 The model is that of N. Stenberg, E. Axell, J. Rantakokko, G. Hendeby, NAVIGATION 69(1), 2022, doi 10.33012/navi.510;
 deciding for groups is our own.
 """
@@ -106,6 +110,7 @@ def span_test(
     *,
     other_unit_enu: Reals | None = None,
     other_sigma_m: Reals | None = None,
+    stated_enu_m: Reals | None = None,
 ) -> SpanTest:
     """Test that a table comes from one antenna, with another's help to know the noise.
 
@@ -116,7 +121,8 @@ def span_test(
     Parameters
     ----------
     one_m, other_m, unit_enu, sigma_m : as of `project`; sigmas up to one factor that both tables share.
-    other_unit_enu, other_sigma_m : of the other table, where they are not the same.
+    other_unit_enu, other_sigma_m : of the other table, where they are not the same. stated_enu_m : (R-1, 3) of each
+        receiver's antenna from the first one's, where that is stated.
     """
     one = project(one_m, unit_enu, sigma_m)
     other = project(
@@ -124,15 +130,15 @@ def span_test(
         unit_enu if other_unit_enu is None else other_unit_enu,
         sigma_m if other_sigma_m is None else other_sigma_m,
     )
-    square, dof = np.sum(one.along**2, axis=-1), one.along.shape[-1]
-    beside = np.sum(other.along**2, axis=-1)
+    beside, dof = np.sum(other.along**2, axis=-1), other.along.shape[-1]
     (fixes, fixes_dof), (differences, differences_dof) = (
         (mine[0] + theirs[0], mine[1] + theirs[1])
         for mine, theirs in ((one.fixes, other.fixes), (one.differences, other.differences))
     )
-    by_fixes = _f_tail(square, dof, fixes + beside, fixes_dof + dof)
-    by_differences = _f_tail(square, dof, differences + beside, differences_dof + dof)
-    alone = _f_tail(square, dof, differences, differences_dof)
+    ahead = None if stated_enu_m is None else one.design @ np.asarray(stated_enu_m, float).ravel()
+    by_fixes = _test_along(one.along, ahead, fixes + beside, fixes_dof + dof)
+    by_differences = _test_along(one.along, ahead, differences + beside, differences_dof + dof)
+    alone = _test_along(one.along, None, differences, differences_dof)
     return SpanTest(combine_views(by_fixes, by_differences, alone), by_fixes, by_differences, alone)
 
 
@@ -147,5 +153,14 @@ def combine_views(fixes: Reals, differences: Reals, alone: Reals) -> Reals:
     return np.asarray(np.minimum(least, 1.0), float)
 
 
-def _f_tail(square: Reals, dof: int, noise: Reals, noise_dof: int) -> Reals:
-    return f_survival(square / dof / np.maximum(noise / noise_dof, 1e-300), dof, noise_dof)
+def _test_along(along: Reals, ahead: Reals | None, noise: Reals, noise_dof: int) -> Reals:
+    """Test that the part (..., d) along baselines is noise; where the sky would put it `ahead` (d,), look there too."""
+    square, dof = np.sum(along**2, axis=-1), along.shape[-1]
+    anywhere = f_survival(square / dof / np.maximum(noise / noise_dof, 1e-300), dof, noise_dof)
+    if ahead is None or not ahead.any():
+        return anywhere
+    forward = along @ ahead / np.linalg.norm(ahead)
+    noise, noise_dof = noise + np.maximum(square - forward**2, 0.0), noise_dof + dof - 1
+    two_sided = f_survival(forward**2 / np.maximum(noise / noise_dof, 1e-300), 1, noise_dof)
+    there = np.where(forward > 0.0, 0.5 * two_sided, 1.0)
+    return np.asarray(np.minimum(2.0 * np.minimum(anywhere, there), 1.0))

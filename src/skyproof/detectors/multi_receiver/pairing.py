@@ -405,11 +405,13 @@ class Comparison(NamedTuple):
     log_likelihood_ratio: float
 
 
-def compare_pairings(larger: Pairing, smaller: Pairing) -> Comparison:
+def compare_pairings(larger: Pairing, smaller: Pairing, stated_enu_m: Reals | None = None) -> Comparison:
     """Test "it is `larger`, not `smaller`, that comes from one antenna", whatever the noise over time.
 
     Along baselines, where the orbits are known and the two share no signals, else by all contrasts. These decide as
     well where the larger one is not the larger: then it is not rejected by either.
+
+    stated_enu_m : (R-1, 3) of each receiver's antenna from the first one's, where that is stated.
     """
     ranges, others = larger.ranges, smaller.ranges
     sigma_m, other_sigma_m = ranges.mean_sigma_m, others.mean_sigma_m
@@ -418,12 +420,12 @@ def compare_pairings(larger: Pairing, smaller: Pairing) -> Comparison:
     )
     p_value = float(test.p_value)
     if test.statistic > 1.0 and not larger.takes & smaller.takes:
-        p_span = _test_span(larger, smaller)
+        p_span = _test_span(larger, smaller, stated_enu_m)
         p_value = p_value if p_span is None else p_span
     return Comparison(p_value, float(test.log_likelihood_ratio))
 
 
-def _test_span(one: Pairing, other: Pairing) -> float | None:
+def _test_span(one: Pairing, other: Pairing, stated_enu_m: Reals | None) -> float | None:
     """Test along baselines that the one comes from one antenna; None if that takes more satellites or orbits."""
     tables = [(p.near_place_m, p.unit_enu) for p in (one, other) if p.ranges.kinds.max(initial=0) == 0]
     known = [(table_m, unit_enu) for table_m, unit_enu in tables if table_m is not None and unit_enu is not None]
@@ -434,7 +436,13 @@ def _test_span(one: Pairing, other: Pairing) -> float | None:
     return max(
         float(
             span_test(
-                one_m, other_m, unit_enu, sigma_m, other_unit_enu=other_unit_enu, other_sigma_m=other_sigma_m
+                one_m,
+                other_m,
+                unit_enu,
+                sigma_m,
+                other_unit_enu=other_unit_enu,
+                other_sigma_m=other_sigma_m,
+                stated_enu_m=stated_enu_m,
             ).p_value
         )
         for sigma_m, other_sigma_m in mixed

@@ -6,7 +6,7 @@ import numpy as np
 
 from skyproof.detectors.base import NotTested
 from skyproof.detectors.multi_receiver.known_geometry import AntennaPlaces, consistency_p_value
-from skyproof.detectors.multi_receiver.pairing import Pairing, compare_pairings
+from skyproof.detectors.multi_receiver.pairing import Pairing
 from skyproof.detectors.multi_receiver.window import Window, collect_estimates, describe_pairing
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.records import Cause, Datum, Finding, Kind
@@ -22,7 +22,7 @@ def decide_several_sets(window: Window) -> list[Finding]:
     alpha = window.settings.false_alarm_probability
     could_be = [p for p in window.pairings if window.p_one(p) >= max(window.settings.accept_probability, alpha)]
     could_be = [p for p in could_be if _shows_one_place(window, p)]
-    could_be = [p for p in could_be if (p_value := _p_by_others(p, could_be)) is None or p_value >= alpha]
+    could_be = [p for p in could_be if (p_value := _p_by_others(window, p, could_be)) is None or p_value >= alpha]
     could_be.sort(key=lambda p: float(p.one_antenna.statistic))
     false = [p for p in could_be if not _is_contested(window, p, could_be)]
     skies = _select_remaining(window, false)
@@ -41,7 +41,7 @@ def _is_contested(window: Window, pairing: Pairing, could_be: Sequence[Pairing])
     """
     alpha = window.settings.false_alarm_probability
     alternatives = (other for other in could_be if other is not pairing and other.takes & pairing.takes)
-    if any(compare_pairings(other, pairing).p_value >= alpha for other in alternatives):
+    if any(window.compare(other, pairing).p_value >= alpha for other in alternatives):
         return True
     skies = _select_agreeing(window, [p for p in window.pairings if p.kinds & pairing.kinds], could_be)
     return bool(skies) and all(sky.takes & pairing.takes for sky in skies)
@@ -73,19 +73,19 @@ def _shows_one_place(window: Window, pairing: Pairing) -> bool:
     return consistency_p_value(nowhere, pairing.baselines[:1]) >= window.settings.accept_probability
 
 
-def _p_by_others(pairing: Pairing, could_be: Sequence[Pairing]) -> float | None:
+def _p_by_others(window: Window, pairing: Pairing, could_be: Sequence[Pairing]) -> float | None:
     """Return the p-value of "it comes from one antenna" beside pairings of its kind's other signals that could.
 
     None without any.
     """
     others = [p for p in could_be if p is not pairing and p.kinds == pairing.kinds and not p.takes & pairing.takes]
-    p_values = [compare_pairings(pairing, other).p_value for other in others]
+    p_values = [window.compare(pairing, other).p_value for other in others]
     return min(1.0, len(others) * min(p_values)) if others else None
 
 
 def _p_each(window: Window, sky: Pairing, false: Sequence[Pairing]) -> float:
     """Return the p-value of "one antenna" of any kind of signals: by the noise over time, or beside false signals."""
-    p_beside, p_each = _p_by_others(sky, false), window.p_each(sky)
+    p_beside, p_each = _p_by_others(window, sky, false), window.p_each(sky)
     if p_beside is None:
         return p_each
     kinds = len({p.kinds for p in window.pairings})  # of each, one pairing at most comes from one antenna
@@ -98,7 +98,7 @@ def _test_false_group(window: Window, pairing: Pairing, false: list[Pairing], *,
     decided : the other sets make one sky, so the other false groups are no alternatives."""
     alpha = window.settings.false_alarm_probability
     alternatives = [p for p in window.pairings if p is not pairing and not (decided and p in false)]
-    tests = [compare_pairings(alternative, pairing) for alternative in alternatives]
+    tests = [window.compare(alternative, pairing) for alternative in alternatives]
     worst = max(tests, key=lambda test: test.p_value, default=None)
     # With two skies in every receiver one of the pairings is false altogether; with fewer it may have been missed.
     complete = all(len(sets) >= 2 for sets in window.sets.values())
@@ -149,7 +149,7 @@ def _test_sky_group(window: Window, sky: Pairing, false: list[Pairing], *, shown
         return window.find_authentic(sky, "as_known", p_one, geometry.assumes, data=data, statement=statement)
     if not shown:  # beside what may be the sky's, or echoes, nothing is true for being no such
         return None
-    p_ratio = max((compare_pairings(sky, pairing).p_value for pairing in false), default=0.0)
+    p_ratio = max((window.compare(sky, pairing).p_value for pairing in false), default=0.0)
     if p_ratio >= alpha or window.p_possible(sky) < alpha:
         return None
     p_value, baselines = max(p_one, p_ratio), window.select_believed(sky)

@@ -15,7 +15,14 @@ from skyproof.detectors.multi_receiver.known_geometry import (
     consistency_p_value,
 )
 from skyproof.detectors.multi_receiver.learnt import LearntDistances, keep_shown
-from skyproof.detectors.multi_receiver.pairing import Pairing, evaluate_sky_by_carriers, list_groups, pair_up
+from skyproof.detectors.multi_receiver.pairing import (
+    Comparison,
+    Pairing,
+    compare_pairings,
+    evaluate_sky_by_carriers,
+    list_groups,
+    pair_up,
+)
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.second_signals.late_copies import remove_late_copies
 from skyproof.detectors.second_signals.second_sky import echoes_p_value
@@ -70,6 +77,12 @@ class Window:
         """Return the stated antenna geometry; of one set in each receiver also what earlier windows showed."""
         stated = self.settings.geometry(pairing.receivers)
         return self.learnt.of(pairing.receivers) if stated is None and self.one_choice else stated
+
+    def compare(self, larger: Pairing, smaller: Pairing) -> Comparison:
+        """Test "it is `larger`, not `smaller`, that comes from one antenna"; where places are stated, towards them."""
+        geometry = self.settings.geometry(larger.receivers)
+        stated_m = geometry.baselines_m(larger.receivers) if isinstance(geometry, AntennaPlaces) else None
+        return compare_pairings(larger, smaller, stated_m)
 
     def build_statement(
         self, pairing: Pairing, geometry: AntennaGeometry | None, *, agrees: bool
