@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from tests.detectors import nulls
 
-from skyproof.detectors.correlators.beats import Line, find_line, fit_common_motion, mirror_p_value
+from skyproof.detectors.correlators.beats import Line, find_line, fit_common_motion, mirror_p_value, weaker_p_value
 from skyproof.detectors.correlators.beats_detector import Beats
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.directions import compute_directions
@@ -94,20 +94,21 @@ def test_one_modulation_of_all_signals_stays_open():
     assert {Cause.INTERFERENCE, Cause.FAULT} < set(found.may_also_be)
 
 
-@pytest.mark.parametrize("stands", [False, True])
-def test_an_image_of_a_moving_antenna_stays_open(stands):
+@pytest.mark.parametrize(("amplitude", "stands"), [(0.3, False), (0.7, False), (1.4, False), (0.3, True), (1.0, False)])
+def test_an_image_of_a_moving_antenna_stays_open_unless_it_is_as_strong_as_the_sky(amplitude, stands):
     # The antenna moves at 1 m/s towards a wall: its image moves at 2 m/s beside it.
     velocity_m_s = np.array([0.6, -0.48, 0.64])
-    records = move((*(-2.0 * velocity_m_s), 0.0))
+    records = move((*(-2.0 * velocity_m_s), 0.0), amplitude=amplitude)
     (o,) = records.observations
+    attack = stands or amplitude == 1.0
     dopplers_hz = o.doppler_hz - (read_directions(records)[:, :3] @ -velocity_m_s) / WAVELENGTH_M
     for sign in (1.0, -1.0):  # whichever way the design's rows point
         moved = replace(o, doppler_hz=o.doppler_hz + sign * (dopplers_hz - o.doppler_hz))
         known = {"rx1": object()} if stands else {}
         found = examine(replace(records, observations=(moved,), standing=known))
         assert found.code == "together"
-        assert (found.says == "attack") == stands
-        assert stands or found.may_also_be == (Cause.REFLECTIONS,)
+        assert (found.says == "attack") == attack
+        assert attack or found.may_also_be == (Cause.REFLECTIONS,)
 
 
 def test_a_reflector_that_moves_has_all_satellites_before_it():
@@ -146,6 +147,18 @@ def test_reflections_of_several_walls_are_none():
         p_values.append(p[Cause.CLEAN])
     for asked in (0.1, 0.01):
         assert stats.binomtest(int((np.array(p_values) < asked).sum()), 100, asked, alternative="greater").pvalue > 1e-3
+
+
+@pytest.mark.parametrize("amplitude", [10.0**-0.15, 10.0**0.15])
+def test_a_reflection_of_3_db_less_is_rarely_taken_for_an_equal_signal(amplitude):
+    rng, equal = np.random.default_rng(5), 0
+    at_s = STEP_S * np.arange(LOOKS)
+    for _ in range(1000):
+        turning = amplitude * np.exp(2j * np.pi * (rng.uniform(0.5, 20.0) * at_s + rng.random()))
+        noise = 0.05 * (rng.standard_normal(LOOKS) + 1j * rng.standard_normal(LOOKS))
+        line = find_line(np.abs(1.0 + turning + noise) ** 2, STEP_S)
+        equal += weaker_p_value([line]) < 1.0
+    assert stats.binomtest(equal, 1000, 1e-4, alternative="greater").pvalue > 1e-3
 
 
 def test_noise_has_no_lines():

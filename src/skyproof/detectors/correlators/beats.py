@@ -13,7 +13,8 @@ Reflections make lines as well:
   being likelier than another, or as uniform up to the fastest, whichever is denser.
 - of one reflector for all satellites, or of parallel ones, they are those of the antenna's image. An image moves as
   fast as the antenna and has its clock: |v + w| = |v| and d = 0 (Kaplan & Hegarty, 9.5: specular reflection). If the
-  reflector moves, all satellites are still before it, and u . w has one sign.
+  reflector moves, all satellites are still before it, and u . w has one sign. Either is weaker than what it reflects by
+  3 dB at least, so a power that all but vanishes in every beat is of none.
 
 What modulates all signals at one rate (a radar, the mains, a rotor) has w = 0, as has a further sky at the same place
 whose clock runs otherwise.
@@ -28,20 +29,33 @@ import numpy as np
 
 from skyproof.arrays import Booleans, Reals
 from skyproof.detectors.correlators.policy import POLICY
-from skyproof.statistics.distributions import chi_square_survival, normal_two_sided
+from skyproof.detectors.dccaf.delays import DccafSettings
+from skyproof.detectors.dccaf.policy import POLICY as DCCAF
+from skyproof.statistics.distributions import binomial_survival, chi_square_survival, normal_two_sided
 from skyproof.statistics.leave_out import largest_p_value_without
 
-__all__ = ["CommonMotion", "Line", "common_p_value", "find_line", "fit_common_motion", "mirror_p_value"]
+__all__ = [
+    "CommonMotion",
+    "Line",
+    "common_p_value",
+    "find_line",
+    "fit_common_motion",
+    "mirror_p_value",
+    "weaker_p_value",
+]
 
 _UNKNOWNS = 4
 
 
 class Line(NamedTuple):
-    """The strongest line of a signal's power: frequency_hz, and sigma_hz of it; statistic : over the noise's mean."""
+    """The strongest line of a signal's power: frequency_hz, and sigma_hz of it; statistic : over the noise's mean.
+    depth, depth_sigma : its amplitude over the mean power, which noise makes larger."""
 
     frequency_hz: float
     sigma_hz: float
     statistic: float
+    depth: float = 0.0
+    depth_sigma: float = 0.0
 
 
 class CommonMotion(NamedTuple):
@@ -101,7 +115,17 @@ def find_line(power: Reals, step_s: float) -> Line | None:
     shift = 0.5 * (before - after) / (before - 2.0 * at + after)
     spread_hz = 1.0 / (n * step_s)
     sigma_hz = spread_hz * np.hypot(POLICY.beat_sigma_bins, np.sqrt(1.5 / statistic) / np.pi)
-    return Line(float(frequency_hz[top] + shift * (frequency_hz[1] - frequency_hz[0])), float(sigma_hz), statistic)
+    line_hz = float(frequency_hz[top] + shift * (frequency_hz[1] - frequency_hz[0]))
+    phase_rad = np.asarray(2.0 * np.pi * line_hz * step_s * looks, np.float64)
+    return Line(line_hz, float(sigma_hz), statistic, *_measure_depth(power, phase_rad))
+
+
+def _measure_depth(power: Reals, phase_rad: Reals) -> tuple[float, float]:
+    """Measure the amplitude of a line of known phase in powers (n,) over their mean, and its sigma."""
+    design = np.column_stack([np.ones(power.size), np.cos(phase_rad), np.sin(phase_rad)])
+    fitted, _, _, _ = np.linalg.lstsq(design, power, rcond=None)
+    rest = float(np.std(power - design @ fitted))
+    return float(np.hypot(*fitted[1:]) / fitted[0]), float(np.sqrt(2.0 / power.size) * rest / fitted[0])
 
 
 def fit_common_motion(lines: Sequence[Line], wavelength_m: Reals, design: Reals, step_s: float) -> CommonMotion | None:
@@ -235,6 +259,26 @@ def mirror_p_value(motion: CommonMotion, velocity_m_s: Reals, covariance_m2_s2: 
     # One line may be another reflector's: the second of either sign counts.
     one_sign = along.size * float(normal_two_sided(max(min(along[-2], -along[1]), 0.0)))
     return min(1.0, max(motion.largest_p_value(test_fixed), one_sign))
+
+
+def weaker_p_value(lines: Sequence[Line | None]) -> float:
+    """Return the p-value of reflections, weaker by `reflected_weaker_db` than what they reflect.
+
+    A second signal of the amplitude a beside the first makes a line of the depth 2 a / (1 + a^2). Several reflections
+    of a satellite may add to more as rarely as `dccaf` allows for. lines : of each satellite, None without one.
+    """
+    amplitude = 10.0 ** (-0.05 * DCCAF.reflected_weaker_db)
+    most = 2.0 * amplitude / (1.0 + amplitude**2)
+    p_values = [1.0 if line is None else _p_of_depth(line, most) for line in lines]
+    deep = sum(p_value < POLICY.signal_probability for p_value in p_values)
+    chance = DccafSettings.no_reflection_probability + POLICY.signal_probability
+    return float(binomial_survival(deep, len(lines), chance))
+
+
+def _p_of_depth(line: Line, most: float) -> float:
+    """Return the p-value of a depth of so much at most."""
+    over = line.depth - most
+    return 0.5 * float(normal_two_sided(over / max(line.depth_sigma, 1e-9))) if over > 0.0 else 1.0
 
 
 def common_p_value(motion: CommonMotion) -> float:

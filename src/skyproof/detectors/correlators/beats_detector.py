@@ -18,6 +18,7 @@ from skyproof.detectors.correlators.beats import (
     find_line,
     fit_common_motion,
     mirror_p_value,
+    weaker_p_value,
 )
 from skyproof.detectors.correlators.policy import POLICY
 from skyproof.errors import require_probability
@@ -94,25 +95,29 @@ class Beats:
         if o is None or navigation is None or len(tested) < needed:
             return report.pass_over(refs, NotTested("few_signals", data))
         every = [_fit_lines(stretch, tested) for stretch in stretches]
-        signals, motion = min(every, key=lambda fitted: 1.0 if fitted[1] is None else fitted[1].p_value)
+        lines, motion = min(every, key=lambda fitted: 1.0 if fitted[1] is None else fitted[1].p_value)
         if motion is None:
             p = dict.fromkeys((Cause.CLEAN, Cause.REFLECTIONS, Cause.INTERFERENCE, Cause.FAULT), 1.0)
-            return report.find(list_refs(taps.receiver, tuple(tested)), "apart", p, data={"lines": len(signals)})
+            return report.find(list_refs(taps.receiver, tuple(tested)), "apart", p, data={"lines": len(lines)})
         stands = taps.receiver in report.records.standing
         velocity = (np.zeros(3), np.zeros((3, 3))) if stands else _measure_velocity(o, navigation, tuple(tested))
         chance, common = min(1.0, len(every) * motion.p_value), common_p_value(motion)
+        explained = tuple(signal for signal, of in zip(lines, motion.explained, strict=True) if of)
+        latest, _ = every[0]
+        # An image moves so, and is weaker: what is not both is none.
+        image = min(mirror_p_value(motion, *velocity), weaker_p_value([latest.get(signal) for signal in explained]))
         p = {
             Cause.CLEAN: chance,
-            Cause.REFLECTIONS: mirror_p_value(motion, *velocity),
+            Cause.REFLECTIONS: min(1.0, 2.0 * image),
             Cause.INTERFERENCE: common,
             Cause.FAULT: common,
         }
         return report.find(
-            list_refs(taps.receiver, tuple(s for s, of in zip(signals, motion.explained, strict=True) if of)),
+            list_refs(taps.receiver, explained),
             "together" if chance < self.settings.false_alarm_probability else "apart",
             p,
             data={
-                "lines": len(signals),
+                "lines": len(lines),
                 "motion_m_s": float(np.linalg.norm(motion.state[:3])),
                 "clock_m_s": float(abs(motion.state[3])),
             },
@@ -148,13 +153,13 @@ def _read_powers(taps: Taps) -> _Powers:
     return _Powers(elapsed_s=taps.elapsed_s, power=dict(zip(taps.signals, power.T, strict=True)))
 
 
-def _fit_lines(powers: _Powers, tested: Mapping[SignalId, Reals]) -> tuple[tuple[SignalId, ...], CommonMotion | None]:
-    """Return the signals of a stretch whose powers have lines, and what one motion and clock explain of these."""
+def _fit_lines(powers: _Powers, tested: Mapping[SignalId, Reals]) -> tuple[dict[SignalId, Line], CommonMotion | None]:
+    """Return the lines of a stretch's signals that have one, and what one motion and clock explain of these."""
     step_s = powers.step_s
     lines = {s: line for s in tested if s in powers.power and (line := _find_line(powers.power[s], step_s)) is not None}
     wavelength_m = SPEED_OF_LIGHT_M_S / np.array([signal.plan.carrier_hz for signal in lines])
     rows = np.array([tested[signal] for signal in lines]).reshape(-1, 4)
-    return tuple(lines), fit_common_motion(tuple(lines.values()), wavelength_m, rows, step_s)
+    return lines, fit_common_motion(tuple(lines.values()), wavelength_m, rows, step_s)
 
 
 def _compute_directions(taps: Taps, o: Observations, navigation: NavigationData) -> dict[SignalId, Reals]:
