@@ -104,8 +104,11 @@ class Beats:
         chance, common = min(1.0, len(every) * motion.p_value), common_p_value(motion)
         explained = tuple(signal for signal, of in zip(lines, motion.explained, strict=True) if of)
         latest, _ = every[0]
+        # Antennas are summed with weights that follow the beats: these do not show how strong an image is.
+        summed = any(phases.receiver == taps.receiver for phases in report.records.array_phases)
+        weaker = 1.0 if summed else weaker_p_value([latest.get(signal) for signal in explained])
         # An image moves so, and is weaker: what is not both is none.
-        image = min(mirror_p_value(motion, *velocity), weaker_p_value([latest.get(signal) for signal in explained]))
+        image = min(mirror_p_value(motion, *velocity), weaker)
         p = {
             Cause.CLEAN: chance,
             Cause.REFLECTIONS: min(1.0, 2.0 * image),
