@@ -54,7 +54,7 @@ could run passed): which of the two a cell is they do not hold.
 
 LEVELS_TITLE: Final = "## Protection levels"
 LEVELS: Final = """*`skyproof study protection-stanford --plot` draws it. No trusted satellite is wrong in these scenes,
-so errors are far below the levels. How often they hold with a wrong one is
+and fixes that inertia alone carries are off the most. How often levels hold with a wrong one is
 [counted](verdict.md#how-far-a-trusted-fix-may-be-off).*"""
 
 HOURS: Final = """*Runs of `skyproof study protection-clean`: 100 s of samples each, at drawn places and times,
