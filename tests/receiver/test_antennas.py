@@ -13,7 +13,7 @@ from skyproof.receiver import measurement as m
 from skyproof.receiver.antennas import compute_weights, unwrap_phases
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.observables import assemble_array_phases
-from skyproof.receiver.tracking import Receiver, ReceiverState
+from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
 from skyproof.records import AntennaArray
 from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd, Scenario
@@ -138,6 +138,24 @@ def test_pieces_give_what_the_whole_gives(array, track):
     assert arcs.keys() == whole_arcs.keys()
     for name in ("elapsed_s", "arc", "table", "taps", "own"):
         assert np.array_equal(getattr(pieces, name), getattr(whole, name), equal_nan=True)
+
+
+def test_looks_of_the_first_antenna_are_those_that_it_has_alone(array):
+    planes = array.planes[..., : 2 * RATE_HZ]
+    powers = []
+    for part in (planes, planes[0]):
+        output, _ = Receiver(RATE_HZ, settings=ReceiverSettings(looks_per_frame=5, look_share=0.2)).step(
+            ReceiverState(), part
+        )
+        measured = output.measurements.select(output.measurements.elapsed_s > 1.0)
+        power = measured.first_power if part.ndim == 3 else np.abs(measured.taps[..., 1]) ** 2
+        assert power.shape[1] == 10
+        powers.append({output.arcs[n].signal.sat: np.nanmean(power[measured.arc == n]) for n in set(measured.arc)})
+    several, alone = powers
+    both = several.keys() & alone.keys()
+    assert len(both) > 3
+    for sat in both:
+        assert several[sat] == pytest.approx(alone[sat], rel=0.1)
 
 
 @pytest.mark.long

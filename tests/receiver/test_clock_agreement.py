@@ -87,6 +87,7 @@ def make_tracked(share, *, n_sats=8, seed=0, rows=11, oscillator_hz=0.0, sigma_m
         taps=np.zeros((arc.size, 1, 3), np.complex64),
         own=np.empty((arc.size, 0, 8)),
         turns_rad=np.full((arc.size, 1), np.nan),
+        first_power=np.empty((arc.size, 0)),
     )
 
 

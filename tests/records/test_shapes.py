@@ -1,6 +1,6 @@
 """Selecting rows of records: every field that has them, and no other."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -52,6 +52,7 @@ RECORDS = [
         delays_chips=np.zeros(3),
         dopplers_hz=np.zeros(1),
         value=list_numbers(K, 1, 3).astype(np.complex64),
+        first_power=list_numbers(K),
     ),
     ArrayPhases(
         receiver="rx",
@@ -138,3 +139,10 @@ def test_each_array_of_channels_is_among_those_that_are_selected(record):
     for name in (*record.CELLS, *record.OF_CHANNELS):
         whole = np.asarray(getattr(record, name))
         np.testing.assert_array_equal(getattr(part, name), whole[:, 1:] if name in record.CELLS else whole[1:])
+
+
+def test_an_array_that_is_not_there_stays_so():
+    taps = next(record for record in RECORDS if isinstance(record, Taps))
+    alone = replace(taps, first_power=None)
+    assert alone.select_channels(np.array([1])).first_power is None
+    assert alone.select(slice(1)).first_power is None

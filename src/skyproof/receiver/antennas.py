@@ -27,7 +27,15 @@ from skyproof.receiver import measurement as m
 from skyproof.receiver.crosstalk import Rows, take_out
 from skyproof.receiver.discriminator import Discriminator
 
-__all__ = ["N_LAST", "compute_weights", "first_weights", "measure_antennas", "subtract_by_antenna", "unwrap_phases"]
+__all__ = [
+    "N_LAST",
+    "compute_weights",
+    "find_first_prompt",
+    "first_weights",
+    "measure_antennas",
+    "subtract_by_antenna",
+    "unwrap_phases",
+]
 
 N_LAST = 3
 """What is remembered of an antenna from one row of measurements to the next: phase, its rate, and its sigma."""
@@ -150,6 +158,11 @@ def unwrap_phases(own: Reals, last: Reals, good: Booleans, interval_s: float) ->
     own[..., m.OWN_SLIP] = np.where(known & (off < 0.5), 0.0, 1.0)
     now = np.stack([phase, rate, sigma], axis=-1)
     return np.where(good[:, None, None], now, np.nan)
+
+
+def find_first_prompt(rows: Reals, n_antennas: int) -> int:
+    """Return the column of the kernel's output in which the first antenna's prompt stands."""
+    return _first_column(rows, n_antennas) + 2
 
 
 def _first_column(rows: Reals, n_antennas: int) -> int:

@@ -8,7 +8,7 @@ from skyproof.arrays import Complexes, ComplexFloats, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.receiver import kernels as k
 
-__all__ = ["average_looks", "measure_turns"]
+__all__ = ["average_looks", "measure_look_power", "measure_turns"]
 
 
 def average_looks(
@@ -33,8 +33,29 @@ def average_looks(
     """
     looks = _assign_looks(before, now, wipe, n_looks, look_samples, epoch_samples, n_taps)
     taps = np.full((wipe.shape[0], n_looks, n_taps), complex(np.nan, np.nan))
-    _look_means(*before, *now, wipe, looks, taps)
+    _look_means(*before, *now, wipe, looks, k.OUT_TAPS, taps)
     return taps.astype(np.complex64)
+
+
+def measure_look_power(
+    before: tuple[Reals, Integers],
+    now: tuple[Reals, Integers],
+    wipe: Complexes,
+    *,
+    n_looks: int,
+    look_samples: float,
+    epoch_samples: float,
+    n_taps: int,
+    column: int,
+) -> Reals:
+    """Measure the power of one correlator in each look, (n_channels, n_looks), NaN where none was taken.
+
+    Parameters as of `average_looks`. column : of the kernel's output, where the correlator stands.
+    """
+    looks = _assign_looks(before, now, wipe, n_looks, look_samples, epoch_samples, n_taps)
+    means = np.full((wipe.shape[0], n_looks, 1), complex(np.nan, np.nan))
+    _look_means(*before, *now, wipe, looks, column, means)
+    return np.asarray(np.abs(means[..., 0]) ** 2)
 
 
 def measure_turns(
@@ -107,6 +128,7 @@ def _look_means(
     count_now: Integers,
     wipe: Complexes,
     looks: Integers,
+    column: int,
     taps: Complexes,
 ) -> None:
     for channel in range(taps.shape[0]):
@@ -121,7 +143,7 @@ def _look_means(
             counts[look] += 1.0
             row = rows_before[channel, r] if r < n_before else rows_now[channel, r - n_before]
             for tap in range(taps.shape[2]):
-                value = complex(row[k.OUT_TAPS + 2 * tap], row[k.OUT_TAPS + 2 * tap + 1])
+                value = complex(row[column + 2 * tap], row[column + 2 * tap + 1])
                 taps[channel, look, tap] += value * wipe[channel, r]
         for look in range(taps.shape[1]):
             if counts[look] > 0.0:

@@ -63,6 +63,7 @@ class Measurements(Selectable):
         look: equal parts of the block, or the whole of it; NaN where none was taken.
     turns_rad : (n, n_looks) by which the taps of a guided channel were turned to take off what its carrier was ahead of
         the replica's, bits aside; NaN of all others.
+    first_power : (n, n_looks) of the prompt on the first antenna of several in each look; of one antenna (n, 0).
     own : (n, n_antennas, N_OWN) of each antenna, if there are several: `table` and `taps` belong to their sum then. Of
     one
         antenna it is (n, 0, N_OWN).
@@ -74,6 +75,7 @@ class Measurements(Selectable):
     taps: ComplexFloats
     own: Reals
     turns_rad: Reals
+    first_power: Reals
 
     def __len__(self) -> int:
         return int(self.arc.size)
@@ -111,6 +113,7 @@ class Measurements(Selectable):
             taps=np.empty((0, n_looks, n_taps), np.complex64),
             own=np.empty((0, n_antennas, N_OWN)),
             turns_rad=np.empty((0, n_looks)),
+            first_power=np.empty((0, n_looks if n_antennas and n_looks > 1 else 0)),
         )
 
     @staticmethod

@@ -216,6 +216,10 @@ def assemble_taps(
     if as_replica:
         taken = taken * np.exp(-1j * measurements.turns_rad)[:, :, None, None]
     value[rows, :, columns] = taken
+    first_power = np.full((elapsed_s.size, n_looks, len(signals)), np.nan)
+    several = measurements.first_power.shape[1] > 0
+    if several:
+        first_power[rows, :, columns] = measurements.first_power / (CODE_SCALE * samples_per_period) ** 2
     middle_s = averaged_s * ((np.arange(n_looks) + 0.5 * look_share) / n_looks - 0.5)
     return Taps(
         receiver=receiver,
@@ -224,6 +228,7 @@ def assemble_taps(
         delays_chips=delays_chips,
         dopplers_hz=dopplers_hz,
         value=value.reshape(-1, len(signals), *grid),
+        first_power=first_power.reshape(-1, len(signals)) if several else None,
     )
 
 

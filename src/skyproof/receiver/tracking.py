@@ -8,6 +8,7 @@ by one kernel call, controls locks and reads telemetry. Every second frame measu
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,13 @@ from skyproof.gnss.signals import prn_of
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
 from skyproof.receiver.acquisition import Peak
-from skyproof.receiver.antennas import compute_weights, measure_antennas, subtract_by_antenna, unwrap_phases
+from skyproof.receiver.antennas import (
+    compute_weights,
+    find_first_prompt,
+    measure_antennas,
+    subtract_by_antenna,
+    unwrap_phases,
+)
 from skyproof.receiver.channels import Arc, arc_from_channel
 from skyproof.receiver.coasting import SINCE_S, coast, has_power, update_courses
 from skyproof.receiver.correlator import REACH_CHIPS, table_pad
@@ -41,7 +48,7 @@ from skyproof.receiver.keeping import (
 )
 from skyproof.receiver.lock import lock_value
 from skyproof.receiver.looking import Lookout, delay_s
-from skyproof.receiver.looks import average_looks, measure_turns
+from skyproof.receiver.looks import average_looks, measure_look_power, measure_turns
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.noncoherent import measure_without_phase
 from skyproof.receiver.replica import CODE_SCALE, code_table
@@ -319,20 +326,27 @@ class Receiver:
         good &= proved
         per_antenna, last_phases = self._measure_antennas(state, earlier, later, taps, wipe, good, elapsed_s)
         numbers = np.array([c.arc for c in state.channels], np.int64)
-        looks = taps[:, np.newaxis, : self.n_taps]
+        looks, first_power = taps[:, np.newaxis, : self.n_taps], np.empty((n, 0))
         if settings.looks_per_frame:
-            looks = average_looks(
-                earlier,
-                later,
-                wipe,
-                n_looks=self.n_looks,
-                look_samples=self._look_samples,
-                epoch_samples=elapsed_s * self.rate_hz,
-                n_taps=self.n_taps,
-            )
+            which: Any = {
+                "n_looks": self.n_looks,
+                "look_samples": self._look_samples,
+                "epoch_samples": elapsed_s * self.rate_hz,
+                "n_taps": self.n_taps,
+            }
+            looks = average_looks(earlier, later, wipe, **which)
+            if n_antennas := _count_measured_antennas(state.tail):
+                column = find_first_prompt(later[0], n_antennas)
+                first_power = measure_look_power(earlier, later, wipe, column=column, **which)
         turns = self._measure_turns(state, before, wipe, elapsed_s)
         of_all = Measurements(
-            elapsed_s=np.full(n, elapsed_s), arc=numbers, table=table, taps=looks, own=per_antenna, turns_rad=turns
+            elapsed_s=np.full(n, elapsed_s),
+            arc=numbers,
+            table=table,
+            taps=looks,
+            own=per_antenna,
+            turns_rad=turns,
+            first_power=first_power,
         )
         given.measured.append(of_all.select(good))
         given.noncoherent.append(self._measure_noncoherent(state, of_all, taps, (earlier, later), proved & ~good))

@@ -79,10 +79,12 @@ class Taps(ShortRepr, Selectable, Channels):
     delays_chips : (n_delays,) of the replica ahead of the tracked code; dopplers_hz : (n_dopplers,) off the carrier.
     value : (n_epochs, n_channels, n_dopplers, n_delays) complex64, correlation a sample, so in the samples' own unit;
         NaN where nothing is tracked. The prompt is real but for noise.
+    first_power : (n_epochs, n_channels) of the prompt on the first antenna alone, where `value` is of the weighted sum
+        of several; None of one antenna.
     """
 
-    BY_ROW = ("elapsed_s", "value")
-    CELLS = ("value",)
+    BY_ROW = ("elapsed_s", "value", "first_power")
+    CELLS = ("value", "first_power")
     TIME = "elapsed_s"
 
     receiver: str
@@ -91,17 +93,16 @@ class Taps(ShortRepr, Selectable, Channels):
     delays_chips: Reals
     dopplers_hz: Reals
     value: ComplexFloats
+    first_power: Reals | None = None
 
     def __post_init__(self) -> None:
-        freeze(
-            self,
-            {
-                "elapsed_s": ("epoch",),
-                "delays_chips": ("delay",),
-                "dopplers_hz": ("doppler",),
-                "value": ("epoch", "channel", "doppler", "delay"),
-            },
-        )
+        shapes: dict[str, tuple[str, ...]] = {
+            "elapsed_s": ("epoch",),
+            "delays_chips": ("delay",),
+            "dopplers_hz": ("doppler",),
+            "value": ("epoch", "channel", "doppler", "delay"),
+        }
+        freeze(self, shapes | ({} if self.first_power is None else {"first_power": ("epoch", "channel")}))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

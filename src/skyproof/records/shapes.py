@@ -41,7 +41,7 @@ class Selectable:
 class Channels:
     """A dataclass whose channels, one of each of its `signals`, can be selected.
 
-    CELLS : the fields that have them along axis 1. OF_CHANNELS : those that have them along axis 0.
+    CELLS : the fields that have them along axis 1, or are None. OF_CHANNELS : those that have them along axis 0.
     """
 
     __slots__ = ()
@@ -50,7 +50,9 @@ class Channels:
 
     def select_channels(self, columns: Indices) -> Self:
         """Select channels by their numbers, as copies."""
-        chosen: dict[str, Any] = {name: getattr(self, name)[:, columns] for name in self.CELLS}
+        chosen: dict[str, Any] = {
+            name: None if (cells := getattr(self, name)) is None else cells[:, columns] for name in self.CELLS
+        }
         chosen |= {name: getattr(self, name)[columns] for name in self.OF_CHANNELS}
         signals: Any = getattr(self, "signals")  # noqa: B009
         return replace(self, signals=tuple(signals[k] for k in columns), **chosen)  # type: ignore[type-var]

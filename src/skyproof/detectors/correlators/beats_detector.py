@@ -104,11 +104,8 @@ class Beats:
         chance, common = min(1.0, len(every) * motion.p_value), common_p_value(motion)
         explained = tuple(signal for signal, of in zip(lines, motion.explained, strict=True) if of)
         latest, _ = every[0]
-        # Antennas are summed with weights that follow the beats: these do not show how strong an image is.
-        summed = any(phases.receiver == taps.receiver for phases in report.records.array_phases)
-        weaker = 1.0 if summed else weaker_p_value([latest.get(signal) for signal in explained])
         # An image moves so, and is weaker: what is not both is none.
-        image = min(mirror_p_value(motion, *velocity), weaker)
+        image = min(mirror_p_value(motion, *velocity), weaker_p_value([latest.get(signal) for signal in explained]))
         p = {
             Cause.CLEAN: chance,
             Cause.REFLECTIONS: min(1.0, 2.0 * image),
@@ -150,7 +147,11 @@ class _Powers:
 
 
 def _read_powers(taps: Taps) -> _Powers:
-    """Read the power of the prompt correlators."""
+    """Read the power of the prompt correlators, of antennas that are summed by weights that follow it on one alone."""
+    if taps.first_power is not None:
+        return _Powers(
+            elapsed_s=taps.elapsed_s, power=dict(zip(taps.signals, np.asarray(taps.first_power, float).T, strict=True))
+        )
     prompt, carrier = int(np.argmin(np.abs(taps.delays_chips))), int(np.argmin(np.abs(taps.dopplers_hz)))
     power = np.abs(taps.value[:, :, carrier, prompt].astype(np.complex128)) ** 2
     return _Powers(elapsed_s=taps.elapsed_s, power=dict(zip(taps.signals, power.T, strict=True)))
