@@ -39,17 +39,17 @@ def run_meddled(run, pair, tmp_path, monkeypatch):
 
 
 def test_a_recording_cut_while_read_counts_as_far_as_it_was_read(run_meddled, pair):
-    ended = run_meddled(lambda path, _: os.truncate(path, 4_500_000))
+    ended = run_meddled(lambda path, _: os.truncate(path, 4_600_000))  # behind the block that is read ahead
     assert ended.code == 0
     assert {signal.receiver for signal in ended.verdict.signals} == {"bow", "stern"}
-    assert [r.duration_s for r in ended.verdict.receivers] == [8.0, 6.5]
+    assert [r.duration_s for r in ended.verdict.receivers] == [8.0, 7.0]
     assert ended.verdict.verdict == "no_attack_seen"
     assert [bool(item.cut) for item in ended.verdict.inputs[:2]] == [False, True]
     assert "Cut: " in ended.stdout
-    words = r" 6\.5 s .*stern\.bin .*\b4500000 bytes, .*\b5200000\b"
+    words = r" 7\.0 s .*stern\.bin .*\b4600000 bytes, .*\b5200000\b"
     assert re.search(words, ended.remarks(1))
     n_summed = int(re.search(r"the checksum is of the first (\d+)", ended.remarks(1))[1])
-    assert 4_225_000 <= n_summed <= 4_500_000
+    assert 4_550_000 <= n_summed <= 4_600_000
     assert ended.verdict.inputs[1].sha256 == hashlib.sha256(pair.paths[1].read_bytes()[:n_summed]).hexdigest()
 
 
