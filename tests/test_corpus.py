@@ -41,7 +41,7 @@ def test_the_whole_corpus_has_hundreds_of_scenes() -> None:
     assert list_kinds(names_of(samples=True)) >= set(KINDS) - set(REAL)
 
 
-@pytest.mark.shared_data
+@pytest.mark.usefixtures("shared_data")
 def test_the_quick_rows_are_part_of_the_whole() -> None:
     assert {*QUICK, *QUICK_REAL} <= set(names_of())
 
