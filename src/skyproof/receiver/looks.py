@@ -8,7 +8,7 @@ from skyproof.arrays import Complexes, ComplexFloats, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.receiver import kernels as k
 
-__all__ = ["average_looks", "measure_look_power", "measure_turns"]
+__all__ = ["average_looks", "measure_turns"]
 
 
 def average_looks(
@@ -20,42 +20,24 @@ def average_looks(
     look_samples: float,
     epoch_samples: float,
     n_taps: int,
+    columns: tuple[int, int] | None = None,
 ) -> ComplexFloats:
     """Average the correlators of the code periods of each look with all taps, carrier and bits wiped off.
 
     before, now : as `measurement.measure` takes them. wipe : as it returns them.
     n_looks, look_samples : of the two frames, as many to either side of the absolute sample `epoch_samples`; every look
         begins at a multiple of `look_samples`.
+    columns : of the kernel's output, the first correlator that is averaged, and how many; all taps if None.
 
     Returns
     -------
-    (n_channels, n_looks, n_taps), NaN where none was taken.
+    (n_channels, n_looks, n_taps) or as many as asked for, NaN where none was taken.
     """
+    column, count = columns or (k.OUT_TAPS, n_taps)
     looks = _assign_looks(before, now, wipe, n_looks, look_samples, epoch_samples, n_taps)
-    taps = np.full((wipe.shape[0], n_looks, n_taps), complex(np.nan, np.nan))
-    _look_means(*before, *now, wipe, looks, k.OUT_TAPS, taps)
+    taps = np.full((wipe.shape[0], n_looks, count), complex(np.nan, np.nan))
+    _look_means(*before, *now, wipe, looks, column, taps)
     return taps.astype(np.complex64)
-
-
-def measure_look_power(
-    before: tuple[Reals, Integers],
-    now: tuple[Reals, Integers],
-    wipe: Complexes,
-    *,
-    n_looks: int,
-    look_samples: float,
-    epoch_samples: float,
-    n_taps: int,
-    column: int,
-) -> Reals:
-    """Measure the power of one correlator in each look, (n_channels, n_looks), NaN where none was taken.
-
-    Parameters as of `average_looks`. column : of the kernel's output, where the correlator stands.
-    """
-    looks = _assign_looks(before, now, wipe, n_looks, look_samples, epoch_samples, n_taps)
-    means = np.full((wipe.shape[0], n_looks, 1), complex(np.nan, np.nan))
-    _look_means(*before, *now, wipe, looks, column, means)
-    return np.asarray(np.abs(means[..., 0]) ** 2)
 
 
 def measure_turns(

@@ -48,7 +48,7 @@ from skyproof.receiver.keeping import (
 )
 from skyproof.receiver.lock import lock_value
 from skyproof.receiver.looking import Lookout, delay_s
-from skyproof.receiver.looks import average_looks, measure_look_power, measure_turns
+from skyproof.receiver.looks import average_looks, measure_turns
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.noncoherent import measure_without_phase
 from skyproof.receiver.replica import CODE_SCALE, code_table
@@ -336,8 +336,9 @@ class Receiver:
             }
             looks = average_looks(earlier, later, wipe, **which)
             if n_antennas := _count_measured_antennas(state.tail):
-                column = find_first_prompt(later[0], n_antennas)
-                first_power = measure_look_power(earlier, later, wipe, column=column, **which)
+                columns = find_first_prompt(later[0], n_antennas), 1
+                prompt = average_looks(earlier, later, wipe, columns=columns, **which)[..., 0]
+                first_power = np.asarray(np.abs(prompt) ** 2, np.float64)
         turns = self._measure_turns(state, before, wipe, elapsed_s)
         of_all = Measurements(
             elapsed_s=np.full(n, elapsed_s),
